@@ -1,0 +1,62 @@
+# make demo   generate, train, evaluate and report, from a bare Python 3.11
+# make test   lint, types and tests
+# make help   the rest
+PYTHON ?= $(shell command -v python3.11 || echo python3)
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+# Recordings that are not part of the project; without them what needs them is left out, by name.
+LBGC_REAL_LOGS ?= $(wildcard ../shared/real-logs)
+ifneq ($(LBGC_REAL_LOGS),)
+export LBGC_REAL_LOGS
+endif
+
+.PHONY: help install demo test check format picture clean
+
+help:
+	@echo "make demo      generate, train, evaluate, report (after the install: two minutes)"
+	@echo "make test      check, then the tests"
+	@echo "make check     lint, formatting and types"
+	@echo "make format    put the code into the house style"
+	@echo "make picture   draw docs/turntable.png, the README's picture, anew"
+	@echo "make install   only the environment, in $(VENV)"
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: $(STAMP)
+	@echo "== a training set: 3000 recordings of one sensor, as 5 s means"
+	$(BIN)/python sim/generate.py experiment=demo_train
+	@echo "== a test set: 72 other recordings of the same sensor, every sample"
+	$(BIN)/python sim/generate.py experiment=demo_test
+	@echo "== training"
+	$(BIN)/python lbgc/train.py data=outputs/demo/train.zarr experiment=demo
+	@echo "== evaluation on the test set"
+	$(BIN)/python lbgc/evaluate.py data=outputs/demo/test.zarr run=outputs/train/latest
+	@if [ -f "$(LBGC_REAL_LOGS)/lasergyro.imu" ]; then \
+	  echo "== evaluation on a real log (the model knows another sensor: see what that costs)"; \
+	  $(BIN)/python lbgc/evaluate.py log=lasergyro run=outputs/train/latest; \
+	else echo "== no real log here: set LBGC_REAL_LOGS to the directory of lasergyro.imu"; fi
+	@echo "== open the reports above in a browser"
+
+check: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: check
+	$(BIN)/python -m pytest -n 2
+
+format: $(STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+picture: $(STAMP)
+	$(BIN)/python sim/scene.py out=docs/turntable.png
+
+clean:
+	rm -rf outputs/* .mypy_cache .pytest_cache .ruff_cache

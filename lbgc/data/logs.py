@@ -1,0 +1,365 @@
+"""Real logs become records here; after that nobody can tell them from simulated ones."""
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from lbgc.data.record import Record
+from lbgc.earth import EARTH_RATE, normal_gravity
+from lbgc.errors import InputError, require, require_choice, require_positive
+from lbgc.units import (
+    ANGLE_UNITS,
+    DEG,
+    FORCE_UNITS,
+    HOUR,
+    RATE_UNITS,
+    STANDARD_GRAVITY,
+    VELOCITY_UNITS,
+)
+
+_GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
+_ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
+_UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
+_HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
+
+
+@dataclass(frozen=True)
+class LogConfig:
+    """A log, what `conf/log/*.yaml` holds."""
+
+    name: str = "log"
+    """How reports call it."""
+    reader: str = "table"
+    """table: CSV or Parquet with named columns. recordings: a directory of CSV files
+    `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
+    path: str = ""
+    """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS."""
+    gyro_columns: list[str] = field(default_factory=lambda: ["w_x", "w_y", "w_z"])
+    """The file's x, y and z."""
+    accel_columns: list[str] = field(default_factory=lambda: ["f_x", "f_y", "f_z"])
+    """The file's x, y and z."""
+    time_column: str | None = None
+    """Seconds; null where the file has none."""
+    gyro_unit: str = "rad/s"
+    """Of a rate, or of an increment a sample (rad, deg, arcsec)."""
+    accel_unit: str = "m/s2"
+    """Of a specific force, or of an increment a sample (m/s, g*s, ug*s); auto: m/s2 or g,
+    whichever makes the log rest at 1 g."""
+    gyro_scale: float = 1.0
+    """Units a count."""
+    accel_scale: float = 1.0
+    """Units a count."""
+    axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
+    """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
+    rate_hz: float | None = None
+    """Samples a second; null: from the time column or the header."""
+    latitude: float | None = None
+    """degrees; null: from the header"""
+    heading_deg: float | None = None
+    """Reference heading of the forward axis; null: from the header or the file's name, if there."""
+    bias_limit_deg_per_h: float = 100.0
+    """Largest gyro bias this sensor can have: a mean rate further from Earth's is refused."""
+
+    def __post_init__(self) -> None:
+        require_choice("reader", self.reader, tuple(_READERS))
+        require(bool(self.path), "path", self.path, "must name a file")
+        for name in ("gyro_columns", "accel_columns"):
+            columns = getattr(self, name)
+            require(len(set(columns)) == 3, name, columns, "must be three column names")
+        require_choice("gyro_unit", self.gyro_unit, list(_GYRO_UNITS))
+        require_choice("accel_unit", self.accel_unit, ["auto", *_ACCEL_UNITS])
+        letters = sorted(axis.lstrip("-") for axis in self.axes)
+        require(
+            letters == ["x", "y", "z"],
+            "axes",
+            self.axes,
+            "must be x, y, z, in the order "
+            "forward, right, down, each with a minus if it points the other way",
+        )
+        right_handed = bool(np.isclose(np.linalg.det(_axis_matrix(self.axes)), 1.0))
+        require(right_handed, "axes", self.axes, "is a mirrored frame: check the signs")
+        for name in ("gyro_scale", "accel_scale", "bias_limit_deg_per_h"):
+            require_positive(name, getattr(self, name))
+        if self.rate_hz is not None:
+            require_positive("rate_hz", self.rate_hz)
+        if self.latitude is not None:
+            require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+
+
+@dataclass(frozen=True)
+class _Raw:
+    """What a file says: the sensor's own axes, SI after `gyro_si` and `accel_si`."""
+
+    name: str
+    gyro: np.ndarray  # (T, 3), as printed
+    accel: np.ndarray  # (T, 3), as printed
+    time: np.ndarray | None  # (T,), s
+    config: LogConfig  # with what the file's header or name added
+    gravity: float | None = None  # m/s^2: the unit g as this file means it
+
+
+def read(config: LogConfig) -> Iterator[Record]:
+    """The log's recordings. Raises InputError for whatever is wrong with it."""
+    path = _find(config.path)
+    try:
+        for raw in _READERS[config.reader](path, config):
+            yield _record(raw)
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        raise InputError("log.path", path, "", f"cannot be read ({error})") from error
+
+
+def _find(path: str) -> Path:
+    places = [Path(path).expanduser()]
+    if "LBGC_REAL_LOGS" in os.environ and not places[0].is_absolute():
+        places.append(Path(os.environ["LBGC_REAL_LOGS"]) / path)
+    for place in places:
+        if place.exists():
+            return place
+    looked = " or ".join(map(str, places))
+    raise InputError(
+        "log.path",
+        path,
+        "",
+        f"is not at {looked}; give log.path=FILE, or set LBGC_REAL_LOGS to "
+        "the directory of the recordings",
+    )
+
+
+def _table(path: Path, config: LogConfig) -> Iterator[_Raw]:
+    yield _from_table(_read_table(path), path.stem, config)
+
+
+def _recordings(path: Path, config: LogConfig) -> Iterator[_Raw]:
+    """The published layout: one CSV a recording, the heading in whole degrees in its name."""
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    require(bool(files), "log.path", path, "holds no CSV files")
+    for file in files:
+        found = _HEADING_IN_NAME.search(file.stem)
+        heading = config.heading_deg
+        if heading is None and found:
+            heading = float(found[1])
+        yield _from_table(_read_table(file), file.name, replace(config, heading_deg=heading))
+
+
+def _read_table(path: Path) -> pa.Table:
+    if path.suffix == ".parquet":
+        return pa.parquet.read_table(path)
+    return pa.csv.read_csv(path)
+
+
+def _from_table(table: pa.Table, name: str, config: LogConfig) -> _Raw:
+    def columns(key: str, names: list[str]) -> np.ndarray:
+        for column in names:
+            if column not in table.column_names:
+                raise InputError(
+                    f"log.{key}",
+                    column,
+                    "",
+                    f"is no column of {name}; it has "
+                    + ", ".join(c or "(unnamed)" for c in table.column_names),
+                )
+            kind = table.schema.field(column).type
+            is_number = pa.types.is_integer(kind) or pa.types.is_floating(kind)
+            require(is_number, f"log.{key}", column, f"of {name} holds {kind}, not numbers")
+        arrays = [table[c].to_numpy(zero_copy_only=False).astype(np.float64) for c in names]
+        return np.stack(arrays, axis=1)
+
+    time = columns("time_column", [config.time_column])[:, 0] if config.time_column else None
+    gyro = columns("gyro_columns", config.gyro_columns)
+    accel = columns("accel_columns", config.accel_columns)
+    return _Raw(name, gyro, accel, time, config)
+
+
+def _psins(path: Path, config: LogConfig) -> Iterator[_Raw]:
+    """PSINS: comments, three header rows of six, then integer increments.
+
+    Rows: attitude (deg; yaw counter-clockwise) and velocity; latitude, longitude (deg), height,
+    t0, interval (ms), g (m/s^2); arcsec and ug s a count, an axis.
+    """
+    try:
+        rows = np.loadtxt(path, comments="%", ndmin=2)
+    except ValueError as error:
+        raise InputError("log.path", path, "", f"is no PSINS file ({error})") from error
+    require(
+        rows.shape[0] > 3 and rows.shape[1] == 6,
+        "log.path",
+        path,
+        "is no PSINS file: it "
+        f"must have three header rows and then data, six numbers each, not {rows.shape}",
+    )
+    attitude, place, scales = rows[:3]
+    good = place[4] > 0 and place[5] > 0 and bool((scales > 0).all())
+    require(good, "log.path", path, "has a header without interval, g or scale factors")
+    config = replace(
+        config,
+        gyro_unit="arcsec",
+        accel_unit="ug*s",
+        rate_hz=config.rate_hz if config.rate_hz is not None else 1e3 / place[4],
+        latitude=config.latitude if config.latitude is not None else place[0],
+        heading_deg=config.heading_deg if config.heading_deg is not None else -attitude[2],
+    )
+    counts = rows[3:]
+    yield _Raw(
+        path.name,
+        counts[:, :3] * scales[:3],
+        counts[:, 3:] * scales[3:],
+        None,
+        config,
+        gravity=float(place[5]),
+    )
+
+
+_READERS = {"table": _table, "recordings": _recordings, "psins": _psins}
+
+
+def _record(raw: _Raw) -> Record:
+    """To SI, to forward-right-down, and through every check."""
+    config = raw.config
+    require(len(raw.gyro) > 1, raw.name, f"{len(raw.gyro)} samples", "is no recording")
+    for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            row, axis = bad[0]
+            raise InputError(
+                f"{raw.name}: {key} {'xyz'[axis]} in row {row}",
+                values[row, axis],
+                "",
+                f"is not a number ({len(bad)} such values)",
+            )
+    rate = _rate(raw)
+    require(config.latitude is not None, "log.latitude", None, "must be given for this log")
+    assert config.latitude is not None
+    gyro = _rates(raw.gyro * config.gyro_scale, config.gyro_unit, rate)
+    accel, accel_unit = _forces(raw, rate)
+    _check_resting_force(raw, accel, accel_unit, rate)
+    _check_mean_rate(raw, gyro, rate)
+    turn = _axis_matrix(config.axes).T
+    heading = None if config.heading_deg is None else config.heading_deg * DEG
+    return Record(
+        name=raw.name,
+        gyro=gyro @ turn,
+        accel=accel @ turn,
+        plate_angle=np.zeros(len(gyro)),
+        rate_hz=rate,
+        latitude=config.latitude * DEG,
+        heading_reference=heading,
+    )
+
+
+def _rate(raw: _Raw) -> float:
+    """Samples a second, checked against the time column where there is one."""
+    stated = raw.config.rate_hz
+    if raw.time is None:
+        require(stated is not None, "log.rate_hz", None, "must be given: the log has no time")
+        assert stated is not None
+        return stated
+    require(bool(np.isfinite(raw.time).all()), f"{raw.name}: time", "nan", "must be numbers")
+    steps = np.diff(raw.time)
+    backward = np.flatnonzero(steps <= 0)
+    if len(backward):
+        at = backward[0]
+        raise InputError(
+            f"{raw.name}: time in row {at + 1}",
+            raw.time[at + 1],
+            "s",
+            f"does not increase: {raw.time[at]} s stands before it",
+        )
+    dt = float(np.median(steps))
+    gaps = np.flatnonzero(steps > 1.5 * dt)
+    if len(gaps):
+        raise InputError(
+            f"{raw.name}: time after row {gaps[0]}",
+            raw.time[gaps[0]],
+            "s",
+            f"a gap of {steps[gaps[0]]:.4g} s where samples are {dt:.4g} s apart "
+            f"({len(gaps)} gaps); cut the log there",
+        )
+    # The mean step, since a time column is often rounded; the median only told gaps.
+    measured = len(steps) / float(raw.time[-1] - raw.time[0])
+    if stated is None:
+        return measured
+    agrees = abs(measured / stated - 1) < 0.01
+    require(agrees, "log.rate_hz", stated, f"but {raw.name}'s time says {measured:.5g} Hz")
+    return stated
+
+
+def _rates(values: np.ndarray, unit: str, rate_hz: float) -> np.ndarray:
+    return values * RATE_UNITS[unit] if unit in RATE_UNITS else values * ANGLE_UNITS[unit] * rate_hz
+
+
+def _forces(raw: _Raw, rate_hz: float) -> tuple[np.ndarray, str]:
+    values, unit = raw.accel * raw.config.accel_scale, raw.config.accel_unit
+    if unit == "auto":
+        unit = "g" if np.linalg.norm(values.mean(axis=0)) < 3 else "m/s2"
+    return values * _accel_factor(unit, rate_hz, raw.gravity), unit
+
+
+def _accel_factor(unit: str, rate_hz: float, gravity: float | None) -> float:
+    factor = FORCE_UNITS[unit] if unit in FORCE_UNITS else VELOCITY_UNITS[unit] * rate_hz
+    if gravity is not None and unit in _UNITS_OF_G:
+        factor *= gravity / STANDARD_GRAVITY
+    return factor
+
+
+def _check_resting_force(raw: _Raw, accel: np.ndarray, unit: str, rate_hz: float) -> None:
+    assert raw.config.latitude is not None
+    g = normal_gravity(raw.config.latitude * DEG)
+    norm = float(np.linalg.norm(accel.mean(axis=0)))
+    printed = norm / _accel_factor(unit, rate_hz, raw.gravity)
+    would_fit = [
+        u
+        for u in _ACCEL_UNITS
+        if abs(printed * _accel_factor(u, rate_hz, raw.gravity) / g - 1) < 0.2
+    ]
+    if abs(norm / g - 1) >= 0.2:
+        raise InputError(
+            "log.accel_unit",
+            unit,
+            "",
+            f"{raw.name} would rest at {norm:.4g} m/s2, not within 20% of g; {_fitting(would_fit)}",
+        )
+
+
+def _check_mean_rate(raw: _Raw, gyro: np.ndarray, rate_hz: float) -> None:
+    limit = raw.config.bias_limit_deg_per_h
+    unit = raw.config.gyro_unit
+    earth = EARTH_RATE / DEG * HOUR
+
+    def plausible(mean_si: float) -> bool:
+        return abs(mean_si / DEG * HOUR - earth) <= limit
+
+    mean = float(np.linalg.norm(gyro.mean(axis=0)))
+    if not plausible(mean):
+        one = _rates(np.ones(1), unit, rate_hz)[0]
+        would_fit = [
+            u for u in _GYRO_UNITS if plausible(mean / one * _rates(np.ones(1), u, rate_hz)[0])
+        ]
+        raise InputError(
+            "log.gyro_unit",
+            unit,
+            "",
+            f"{raw.name}'s mean rate would be "
+            f"{mean / DEG * HOUR:.4g} deg/h, Earth's is {earth:.4g} and the bias at "
+            f"most {limit:g} (log.bias_limit_deg_per_h); {_fitting(would_fit)}",
+        )
+
+
+def _fitting(units: list[str]) -> str:
+    if units:
+        return "in " + " or ".join(units) + " it would make sense"
+    return "no unit makes sense of it: is it at rest, and its scale right?"
+
+
+def _axis_matrix(axes: list[str]) -> np.ndarray:
+    """Takes the file's (x, y, z) to (forward, right, down)."""
+    matrix = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
+    return matrix

@@ -1,0 +1,119 @@
+"""Windows of records: what an estimator is given."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.data.record import Record, block_means, whole_multiple
+from lbgc.errors import InputError
+
+UNKNOWN = np.nan
+"""A heading that nobody knows."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W equally long windows. An estimator answers each from its own row alone."""
+
+    gyro: np.ndarray
+    """(W, T, 3), rad/s"""
+    accel: np.ndarray
+    """(W, T, 3), m/s^2"""
+    plate_angle: np.ndarray
+    """(W, T), rad, since the recording's start"""
+    rate_hz: float
+    latitude: np.ndarray
+    """(W,), rad"""
+    heading: np.ndarray
+    """(W,), rad, true, when the encoder reads zero; NaN where unknown"""
+    heading_reference: np.ndarray
+    """(W,), rad; NaN where unknown"""
+    start_s: np.ndarray
+    """(W,), s since the recording's start"""
+
+    def __len__(self) -> int:
+        return len(self.gyro)
+
+    @property
+    def duration_s(self) -> float:
+        return self.gyro.shape[1] / self.rate_hz
+
+
+def cut(record: Record, window_s: float) -> Windows:
+    """The record's consecutive windows of this length; none (W = 0) where it is shorter.
+
+    Raises InputError where the length is no whole number of samples.
+    """
+    size = whole_multiple(window_s, 1 / record.rate_hz)
+    if size is None:
+        raise InputError(
+            "windows_s", window_s, "s", f"must be whole samples of {1 / record.rate_hz:g} s"
+        )
+    count = len(record.gyro) // size
+
+    def rows(values: np.ndarray) -> np.ndarray:
+        return values[: count * size].reshape(count, size, *values.shape[1:])
+
+    def all_of(value: float | None) -> np.ndarray:
+        return np.full(count, UNKNOWN if value is None else value)
+
+    return Windows(
+        rows(record.gyro),
+        rows(record.accel),
+        rows(record.plate_angle),
+        record.rate_hz,
+        all_of(record.latitude),
+        all_of(record.heading),
+        all_of(record.heading_reference),
+        np.arange(count) * window_s,
+    )
+
+
+def at_rate(windows: Windows, rate_hz: float) -> Windows:
+    """The windows at a lower rate, by block means.
+
+    Raises InputError where their rate is no whole multiple of `rate_hz`, or one window no whole
+    number of blocks.
+    """
+    block = whole_multiple(windows.rate_hz, rate_hz)
+    if block is None or windows.gyro.shape[1] % block:
+        raise InputError(
+            "the data's rate",
+            f"{windows.rate_hz:g}",
+            "Hz",
+            f"must be a whole multiple of {rate_hz:g} Hz, and each window of "
+            f"{windows.duration_s:g} s whole blocks of {1 / rate_hz:g} s",
+        )
+    if block == 1:
+        return windows
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        w, t, *rest = values.shape
+        return values.reshape(w, t // block, block, *rest).mean(axis=2, dtype=np.float64)
+
+    return Windows(
+        mean(windows.gyro),
+        mean(windows.accel),
+        mean(windows.plate_angle),
+        rate_hz,
+        windows.latitude,
+        windows.heading,
+        windows.heading_reference,
+        windows.start_s,
+    )
+
+
+def stack(records: Iterable[Record], rate_hz: float) -> Windows:
+    """Whole recordings of one length, at one rate, each as one window: a training set in memory."""
+    rows: Sequence[Record] = [block_means(r, rate_hz) for r in records]
+    return Windows(
+        np.stack([r.gyro for r in rows]),
+        np.stack([r.accel for r in rows]),
+        np.stack([r.plate_angle for r in rows]),
+        rate_hz,
+        np.array([r.latitude for r in rows]),
+        np.array([UNKNOWN if r.heading is None else r.heading for r in rows]),
+        np.array([UNKNOWN if r.heading_reference is None else r.heading_reference for r in rows]),
+        np.zeros(len(rows)),
+    )

@@ -1,0 +1,170 @@
+"""What a user can get wrong, said once: InputError, the typed configuration, and `run_main`."""
+
+import dataclasses
+import math
+import os
+import sys
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import hydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
+
+from lbgc.units import unit_of
+
+CONF = str(Path(__file__).resolve().parents[1] / "conf")
+Config = TypeVar("Config")
+
+Axes = float | list[float]
+"""A configured value for all three axes, or one for each (forward, right, down)."""
+
+
+class InputError(ValueError):
+    """The user's input is wrong: which parameter, its value and unit, and what it could be."""
+
+    def __init__(self, name: str, value: Any, unit: str = "", choices: str | Sequence[str] = ""):
+        self.name, self.value, self.unit, self.choices = name, value, unit, choices
+        super().__init__(name, value, unit, choices)
+
+    def __str__(self) -> str:
+        choices = self.choices
+        if not isinstance(choices, str):
+            choices = "choose from " + ", ".join(map(str, choices))
+        shown = f"{self.name} = {self.value}" + (f" {self.unit}" if self.unit else "")
+        return f"{shown}: {choices}" if choices else shown
+
+    def within(self, prefix: str) -> "InputError":
+        """The same error, its parameter named from one level further out."""
+        return InputError(f"{prefix}.{self.name}", self.value, self.unit, self.choices)
+
+
+def require(condition: bool, name: str, value: Any, choices: str | Sequence[str]) -> None:
+    """Raise InputError unless the condition holds; the unit is read off the parameter's name."""
+    if not condition:
+        raise InputError(name, value, unit_of(name), choices)
+
+
+def require_choice(name: str, value: str, choices: Sequence[str]) -> None:
+    require(value in choices, name, value, choices)
+
+
+def require_positive(name: str, value: float) -> None:
+    require(value > 0, name, value, "must be greater than zero")
+
+
+def require_not_negative(config: Any, *names: str) -> None:
+    """Every named field of a dataclass (a number, or one an axis) must be zero or more."""
+    for name in names:
+        value = getattr(config, name)
+        lowest = min(value) if isinstance(value, list) else value
+        require(lowest >= 0, name, value, "must not be negative")
+
+
+def build(cls: type[Config], mapping: Mapping[str, Any]) -> Config:
+    """A frozen configuration dataclass from what YAML and the command line gave.
+
+    Types are checked against the annotations, numbers must be finite, unknown keys are refused.
+
+    Raises InputError, naming the parameter by its full key.
+    """
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    for key in mapping:
+        require_choice("key", str(key), list(fields))
+    for name, field in fields.items():
+        has_default = (field.default, field.default_factory) != (dataclasses.MISSING,) * 2
+        require(name in mapping or has_default, name, "(missing)", "must be given")
+    return cls(**{key: _convert(hints[key], key, value) for key, value in mapping.items()})
+
+
+def _convert(annotation: Any, name: str, value: Any) -> Any:
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        options = typing.get_args(annotation)
+        if value is None and type(None) in options:
+            return None
+        is_list = isinstance(value, list)
+        for option in options:
+            if (typing.get_origin(option) is list) == is_list and option is not type(None):
+                return _convert(option, name, value)
+        raise InputError(name, value, unit_of(name), f"must be {_spelled(annotation)}")
+    if dataclasses.is_dataclass(annotation):
+        if not isinstance(value, Mapping):
+            raise InputError(name, value, "", "must be a group of parameters")
+        try:
+            return build(annotation, value)  # type: ignore[arg-type]
+        except InputError as error:
+            raise error.within(name) from None
+    if typing.get_origin(annotation) is list and isinstance(value, list):
+        (item,) = typing.get_args(annotation)
+        return [_convert(item, name, v) for v in value]
+    if annotation is float and isinstance(value, int | float) and not isinstance(value, bool):
+        require(math.isfinite(value), name, value, "must be a finite number")
+        return float(value)
+    if annotation in (int, str, bool) and type(value) is annotation:
+        return value
+    if annotation is Any:
+        return value
+    raise InputError(name, value, unit_of(name), f"must be {_spelled(annotation)}")
+
+
+def _spelled(annotation: Any) -> str:
+    words = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+    if annotation is type(None):
+        return "null"
+    if typing.get_origin(annotation) is list:
+        return f"a list [...] of which each is {_spelled(typing.get_args(annotation)[0])}"
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return " or ".join(_spelled(option) for option in typing.get_args(annotation))
+    return words.get(annotation, "a group of parameters")
+
+
+def run_main(main: Callable[[Any], Path | None], config_class: type, config_name: str) -> None:
+    """Run an entry point under Hydra: `main(config)`, its returned path printed last.
+
+    Exit codes: 0 done, 2 the input was wrong (one clear message, no traceback), 130 interrupted.
+    In a sweep each failing job says so and the others go on; the sweep then ends with 2.
+    """
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # let exceptions reach us instead of Hydra's exit(1)
+    failed: list[str] = []
+
+    def job(raw: DictConfig) -> None:
+        try:
+            values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
+            path = main(build(config_class, values))  # type: ignore[arg-type]
+        except InputError as error:
+            failed.append(str(error))
+            print(f"error: {error}", file=sys.stderr)
+            raise
+        if path is not None:
+            print(path, flush=True)
+
+    try:
+        hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
+    except InputError as error:
+        if str(error) not in failed:
+            print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except (HydraException, OmegaConfBaseException) as error:
+        print(f"error: {_hydra_says(error)}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("interrupted; run the same command again to go on", file=sys.stderr)
+        sys.exit(130)
+
+
+def _hydra_says(error: BaseException) -> str:
+    """Hydra's message; for an unknown key, ours, with the keys that stand there."""
+    cause = error.__cause__
+    if isinstance(cause, ConfigKeyError | ConfigAttributeError):
+        siblings = cause.parent_node
+        if isinstance(siblings, DictConfig):
+            return str(InputError("key", cause.full_key, "", [str(k) for k in siblings]))
+    said = str(error).strip()
+    if cause is not None and str(cause).strip() not in said:
+        said += "\n" + str(cause).strip()
+    return said

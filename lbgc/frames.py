@@ -1,0 +1,48 @@
+"""Rotations and angles. Everything broadcasts over leading axes."""
+
+import numpy as np
+
+NED_FROM_NWU = np.diag([1.0, -1.0, -1.0])
+"""Takes components in MuJoCo's world, North-West-Up, to n."""
+
+
+def wrap(angle: np.ndarray | float) -> np.ndarray:
+    """The same angle in (-pi, pi]. angle : rad, any shape."""
+    return np.pi - np.mod(np.pi - np.asarray(angle, dtype=float), 2 * np.pi)
+
+
+def rotation_z(angle: np.ndarray | float) -> np.ndarray:
+    """C_nb of a level body at this heading: angle (*S) in rad -> (*S, 3, 3)."""
+    return euler_to_matrix(0.0, 0.0, angle)
+
+
+def euler_to_matrix(
+    roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float
+) -> np.ndarray:
+    """C_nb from z-y-x Euler angles (the paper's eq. 8).
+
+    roll, pitch, yaw : rad, broadcast to a common shape S. Returns (*S, 3, 3).
+    """
+    phi, theta, psi = np.broadcast_arrays(roll, pitch, yaw)
+    sf, cf = np.sin(phi), np.cos(phi)
+    st, ct = np.sin(theta), np.cos(theta)
+    sp, cp = np.sin(psi), np.cos(psi)
+    return np.stack(
+        [
+            np.stack([ct * cp, sf * st * cp - cf * sp, cf * st * cp + sf * sp], axis=-1),
+            np.stack([ct * sp, sf * st * sp + cf * cp, cf * st * sp - sf * cp], axis=-1),
+            np.stack([-st, sf * ct, cf * ct], axis=-1),
+        ],
+        axis=-2,
+    )
+
+
+def matrix_to_euler(c_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Roll, pitch, yaw in rad, each (*S), of C_nb (*S, 3, 3); pitch in [-pi/2, pi/2].
+
+    At pitch +-90 degrees only yaw -+ roll is defined; roll is then what the arithmetic leaves.
+    """
+    roll = np.arctan2(c_nb[..., 2, 1], c_nb[..., 2, 2])
+    pitch = np.arctan2(-c_nb[..., 2, 0], np.hypot(c_nb[..., 2, 1], c_nb[..., 2, 2]))
+    yaw = np.arctan2(c_nb[..., 1, 0], c_nb[..., 0, 0])
+    return roll, pitch, yaw

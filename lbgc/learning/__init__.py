@@ -1,0 +1,1 @@
+"""The learned estimator: network, loss, augmentation, and its use on windows."""

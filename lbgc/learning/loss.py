@@ -1,0 +1,26 @@
+"""What training makes small."""
+
+import torch
+from torch import Tensor
+
+
+def cyclic_error_deg(truth_deg: Tensor, estimate_deg: Tensor) -> Tensor:
+    """Truth less estimate on the circle, in (-180, 180] degrees (the paper's Algorithm 1)."""
+    error = torch.deg2rad(truth_deg - estimate_deg)
+    return torch.rad2deg(torch.atan2(torch.sin(error), torch.cos(error)))
+
+
+def cyclic_mse(truth_deg: Tensor, estimate_deg: Tensor) -> Tensor:
+    """The paper's Algorithm 1, deg^2."""
+    return cyclic_error_deg(truth_deg, estimate_deg).square().mean()
+
+
+def vector_mse(truth_deg: Tensor, sincos: Tensor) -> Tensor:
+    """Squared distance of (sine, cosine), W rows of them, to the truth's point on the unit circle.
+
+    For small errors of unit length it is the squared error in rad^2. Unlike the cyclic MSE of an
+    angle it has no flat far side and no jump at 180 degrees; its minimum is the mean direction.
+    """
+    truth = torch.deg2rad(truth_deg)
+    target = torch.stack([torch.sin(truth), torch.cos(truth)], dim=-1)
+    return (sincos - target).square().sum(dim=-1).mean()

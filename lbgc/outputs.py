@@ -1,0 +1,32 @@
+"""Where results go: outputs/<task>/<fingerprint of the configuration>/, and a `latest` link."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+
+def fingerprint(configuration: Mapping) -> str:
+    """A short name for a configuration: equal for equal content, whatever the order of its keys."""
+    content = json.dumps(configuration, sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+def task_directory(task: str, identity: str) -> Path:
+    """outputs/<task>/<identity>, made, and `latest` beside it pointing there."""
+    directory = Path("outputs") / task / identity
+    directory.mkdir(parents=True, exist_ok=True)
+    link = directory.with_name("latest")
+    new = directory.with_name(f".latest-{os.getpid()}")
+    new.unlink(missing_ok=True)
+    new.symlink_to(identity)
+    new.replace(link)
+    return directory
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write a file whole or not at all."""
+    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    partial.write_bytes(content.encode() if isinstance(content, str) else content)
+    partial.replace(path)

@@ -1,0 +1,104 @@
+"""The figures. Each takes plain numbers and returns a matplotlib figure that nobody shows."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+_SIZE = (7.0, 4.2)
+AXIS_COLOURS = ("#c0392b", "#27895a", "#2c5d9b")
+AXIS_NAMES = ("forward", "right", "down")
+ESTIMATOR_COLOURS = ("#7f7f7f", "#d1691f", "#2c5d9b", "#27895a", "#8e44ad")
+
+
+def _figure(title: str, x: str, y: str, size: tuple[float, float] = _SIZE) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.add_subplot()
+    axes.set(title=title, xlabel=x, ylabel=y)
+    axes.grid(True, which="both", color="0.9", linewidth=0.6)
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def loss_curve(history: Sequence[Mapping[str, float]]) -> Figure:
+    """Validation RMSE of each window length against the step."""
+    figure, axes = _figure("Training", "optimiser step", "validation RMSE, deg")
+    steps = [row["step"] for row in history]
+    names = [name for name in history[0] if name.startswith("validation_")]
+    for i, name in enumerate(names):
+        shade = 0.25 + 0.65 * i / max(len(names) - 1, 1)
+        label = name.removeprefix("validation_").removesuffix("_deg")
+        axes.plot(steps, [r[name] for r in history], color=(0.1, 0.3, 0.55, shade), label=label)
+    best = min(history, key=lambda row: row["all"])
+    axes.axvline(best["step"], color="#d1691f", linewidth=1, label="kept")
+    axes.set_yscale("log")
+    _plain_y_ticks(axes)
+    axes.legend(title="window", fontsize="small")
+    return figure
+
+
+def allan_deviation(
+    taus: np.ndarray,
+    measured: np.ndarray,
+    model: tuple[np.ndarray, np.ndarray] | None,
+    earth_deg_per_h: float,
+) -> Figure:
+    """Gyro Allan deviation, measured (3, K) and the model's (its taus, (3, L)), deg/h."""
+    figure, axes = _figure("Allan deviation of the gyro", "averaging time, s", "deg/h")
+    for axis, (name, colour) in enumerate(zip(AXIS_NAMES, AXIS_COLOURS, strict=True)):
+        axes.loglog(taus, measured[axis], "o", color=colour, markersize=4, label=name)
+        if model is not None:
+            axes.loglog(model[0], model[1][axis], color=colour, linewidth=1)
+    axes.axhline(earth_deg_per_h, color="0.4", linestyle="--", linewidth=1)
+    axes.annotate("Earth's horizontal rate", (taus[0], earth_deg_per_h), va="bottom", size="small")
+    axes.legend(title="points: data" + ("; lines: model" if model else ""), fontsize="small")
+    return figure
+
+
+def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
+    """rows : estimator -> (window lengths in s, RMSE in deg)."""
+    figure, axes = _figure("Error against window length", "window, s", "heading RMSE, deg")
+    for (name, (windows, errors)), colour in zip(rows.items(), ESTIMATOR_COLOURS, strict=False):
+        axes.loglog(windows, errors, "o-", color=colour, label=name)
+    ticks = sorted({w for windows, _ in rows.values() for w in windows})
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axes.minorticks_off()
+    _plain_y_ticks(axes)
+    axes.legend(fontsize="small")
+    return figure
+
+
+def box_plots(sizes: Mapping[str, Mapping[float, np.ndarray]]) -> Figure:
+    """sizes : estimator -> window length in s -> sizes of the errors in deg."""
+    figure, axes = _figure("Distribution of the errors", "window, s", "|heading error|, deg")
+    windows = sorted({w for by_window in sizes.values() for w in by_window})
+    width = 0.8 / len(sizes)
+    for i, ((name, by_window), colour) in enumerate(
+        zip(sizes.items(), ESTIMATOR_COLOURS, strict=False)
+    ):
+        places = [windows.index(w) + (i - (len(sizes) - 1) / 2) * width for w in by_window]
+        drawn = axes.boxplot(
+            list(by_window.values()),
+            positions=places,
+            widths=width * 0.85,
+            patch_artist=True,
+            manage_ticks=False,
+            flierprops={"marker": ".", "markersize": 2, "markeredgecolor": colour, "alpha": 0.4},
+            medianprops={"color": "black"},
+        )
+        for box in drawn["boxes"]:
+            box.set(facecolor=colour, alpha=0.6)
+        axes.plot([], [], "s", color=colour, label=name)
+    axes.set_xticks(range(len(windows)), [f"{w:g}" for w in windows])
+    axes.set_ylim(bottom=0)
+    axes.legend(fontsize="small")
+    return figure
+
+
+def _plain_y_ticks(axes: Axes) -> None:
+    axis = axes.yaxis
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())

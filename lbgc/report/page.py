@@ -1,0 +1,198 @@
+"""Results as people read them: the table on the screen, and one self-contained HTML page."""
+
+import base64
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+
+import jinja2
+import numpy as np
+from matplotlib.figure import Figure
+
+from lbgc.data.record import Record
+from lbgc.earth import EARTH_RATE
+from lbgc.errors import build
+from lbgc.metrics import Summary
+from lbgc.outputs import write_atomically
+from lbgc.report import figures, paper
+from lbgc.sensor.allan import octave_taus, overlapping_deviation
+from lbgc.sensor.imu import ImuConfig
+from lbgc.units import DEG, HOUR
+
+_COLUMNS = ("estimator", "window, s", "windows", "RMSE", "median", "IQR", "95%", "RMSE·cos(lat)")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What was evaluated on."""
+
+    name: str
+    against: str
+    notes: list[str]
+    records: list[Record]
+    """A few, for the Allan figure."""
+    identity: str
+    configuration: Mapping | None = None
+    """The dataset's; None for a real log."""
+    picture: Path | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    subject: Subject
+    rows: Mapping[tuple[str, float], Summary]
+    """By estimator and window length."""
+    sizes: Mapping[tuple[str, float], np.ndarray] = field(repr=False)
+    """|error| in degrees, likewise."""
+    notes: list[str]
+
+    @property
+    def estimators(self) -> list[str]:
+        return list(dict.fromkeys(name for name, _ in self.rows))
+
+
+def cells(result: Result) -> list[list[str]]:
+    return [
+        [
+            name,
+            f"{window:g}",
+            str(s.windows),
+            *(
+                f"{v:.2f}"
+                for v in (s.rmse_deg, s.median_deg, s.iqr_deg, s.p95_deg, s.rmse_cos_latitude_deg)
+            ),
+        ]
+        for (name, window), s in result.rows.items()
+    ]
+
+
+def table(result: Result) -> str:
+    """For the screen; errors in degrees."""
+    rows = [list(_COLUMNS), *cells(result)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(_COLUMNS))]
+    lines = [
+        "  ".join(
+            c.ljust(w) if i == 0 else c.rjust(w)
+            for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
+    lines.insert(1, "  ".join("-" * w for w in widths))
+    title = f"Heading error in degrees against the {result.subject.against}: {result.subject.name}"
+    return "\n".join([title, *lines])
+
+
+def write_page(path: Path, result: Result, run: str | None) -> Path:
+    """The report; `run` is the training run that was evaluated, if one was."""
+    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(
+        (files("lbgc.report") / "page.html.j2").read_text(encoding="utf-8")
+    )
+    description = json.loads((Path(run) / "model.json").read_text()) if run else None
+    page = template.render(
+        subject=result.subject,
+        columns=_COLUMNS,
+        rows=cells(result),
+        notes=result.notes,
+        bias=_bias_split(result.subject.configuration, description),
+        paper_rows=_beside_the_paper(result),
+        model=description,
+        parameters=_published_parameters(description),
+        pictures=_pictures(result, run),
+    )
+    write_atomically(path, page)
+    return path
+
+
+def _beside_the_paper(result: Result) -> list[dict]:
+    """Median and IQR of each estimator with the paper's: the baseline's for classical ones."""
+    return [
+        {
+            "estimator": name,
+            "window": f"{window:g}",
+            "median": f"{s.median_deg:.2f}",
+            "iqr": f"{s.iqr_deg:.2f}",
+            "paper_row": row,
+            "paper_median": paper.published(paper.MEDIAN_DEG, row, window),
+            "paper_iqr": paper.published(paper.IQR_DEG, row, window),
+        }
+        for (name, window), s in result.rows.items()
+        for row in ["baseline" if name == "mean" else "learned"]
+        if window in paper.WINDOWS_S
+    ]
+
+
+def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | None:
+    """How much of the gyro's bias repeats: all that a learner can ever remove."""
+    if configuration is None:
+        return None
+    gyro = build(ImuConfig, configuration["imu"]).gyro.triad()
+    across = {
+        part: float(np.mean(np.square(getattr(gyro, f"bias_{part}")[:2]))) ** 0.5 / DEG * HOUR
+        for part in ("unit", "session", "run")
+    }
+    total = sum(v**2 for v in across.values())
+    return {
+        **{part: f"{v:.3g}" for part, v in across.items()},
+        "repeats": f"{across['unit'] ** 2 / total:.0%}" if total else "none",
+        "same_unit": run is not None and run["unit_seed"] == configuration["unit_seed"],
+        "trained": run is not None,
+    }
+
+
+def _published_parameters(run: Mapping | None) -> int | None:
+    if run is None:
+        return None
+    return paper.PARAMETERS.get((run["model"]["layers"], run["model"]["hidden"]))
+
+
+def _pictures(result: Result, run: str | None) -> list[dict]:
+    """Titles and PNG data of the figures, in the page's order."""
+    by_name = {n: {w: v for (m, w), v in result.sizes.items() if m == n} for n in result.estimators}
+    rmse = {
+        n: (
+            [w for m, w in result.rows if m == n],
+            [s.rmse_deg for (m, _), s in result.rows.items() if m == n],
+        )
+        for n in result.estimators
+    }
+    drawn = [
+        ("Error against window length", _png(figures.error_against_window(rmse))),
+        ("Box plots of the errors", _png(figures.box_plots(by_name))),
+        ("Allan deviation of the data", _png(_allan(result.subject))),
+    ]
+    if run is not None:
+        drawn.append(("Loss curve", _png(figures.loss_curve(_history(Path(run))))))
+    picture = result.subject.picture
+    if picture is not None and picture.is_file():
+        drawn.append(("The bench", picture.read_bytes()))
+    return [{"title": t, "data": base64.b64encode(png).decode()} for t, png in drawn]
+
+
+def _allan(subject: Subject) -> Figure:
+    records = subject.records
+    n, dt = min(len(r.gyro) for r in records), 1 / records[0].rate_hz
+    taus = octave_taus(n, dt)
+    measured = overlapping_deviation(np.stack([r.gyro[:n] for r in records]), dt, taus)
+    model = None
+    if subject.configuration is not None:
+        gyro = build(ImuConfig, subject.configuration["imu"]).gyro.triad()
+        fine = np.geomspace(taus[0], taus[-1], 5000)
+        sampling = 1 / float(subject.configuration["rate_hz"])
+        model = fine, np.sqrt(gyro.allan_variance(fine, sampling)) / DEG * HOUR
+    earth = EARTH_RATE * np.cos(records[0].latitude) / DEG * HOUR
+    return figures.allan_deviation(taus, measured / DEG * HOUR, model, earth)
+
+
+def _history(run: Path) -> list[dict[str, float]]:
+    with (run / "history.csv").open(newline="") as file:
+        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130)
+    return buffer.getvalue()

@@ -1,0 +1,70 @@
+"""The one place where datasheet units become SI: the unit is the end of the key's name."""
+
+import math
+
+STANDARD_GRAVITY = 9.80665
+"""m/s^2: the g of datasheets, not of any place on Earth."""
+
+DEG = math.pi / 180.0
+HOUR = 3600.0
+
+# suffix of a key -> (factor to SI, how the unit is written)
+_SUFFIXES: dict[str, tuple[float, str]] = {
+    "deg_per_h_per_sqrt_h": (DEG / HOUR / math.sqrt(HOUR), "deg/h/sqrt(h)"),
+    "deg_per_sqrt_h": (DEG / math.sqrt(HOUR), "deg/sqrt(h)"),
+    "deg_per_h": (DEG / HOUR, "deg/h"),
+    "deg_per_s": (DEG, "deg/s"),
+    "deg": (DEG, "deg"),
+    # A density per sqrt(Hz) is one-sided, the coefficient N is two-sided: hence sqrt(2).
+    "ug_per_sqrt_hz": (1e-6 * STANDARD_GRAVITY / math.sqrt(2.0), "ug/sqrt(Hz)"),
+    "ug_per_sqrt_h": (1e-6 * STANDARD_GRAVITY / math.sqrt(HOUR), "ug/sqrt(h)"),
+    "ug": (1e-6 * STANDARD_GRAVITY, "ug"),
+    "mg": (1e-3 * STANDARD_GRAVITY, "mg"),
+    "g": (STANDARD_GRAVITY, "g"),
+    "ppm": (1e-6, "ppm"),
+    "mrad": (1e-3, "mrad"),
+    "hz": (1.0, "Hz"),
+    "nm_s_per_rad": (1.0, "N m s/rad"),
+    "nm_per_rad": (1.0, "N m/rad"),
+    "s": (1.0, "s"),
+    "latitude": (DEG, "deg"),
+}
+_LONGEST_FIRST = sorted(_SUFFIXES, key=len, reverse=True)
+
+
+def _suffix(key: str) -> str | None:
+    return next((s for s in _LONGEST_FIRST if f"_{key}".endswith(f"_{s}")), None)
+
+
+def unit_of(key: str) -> str:
+    """The unit that a key's name states, as one writes it; empty where it states none."""
+    suffix = _suffix(key.rsplit(".", 1)[-1])
+    return _SUFFIXES[suffix][1] if suffix else ""
+
+
+def factor(key: str) -> float:
+    """What one unit of this key is in SI: of arw_deg_per_sqrt_h, in rad/sqrt(s)."""
+    suffix = _suffix(key)
+    if suffix is None:
+        raise KeyError(f"the key {key!r} ends in no unit")
+    return _SUFFIXES[suffix][0]
+
+
+# Units of a log's columns -> factor to SI. Increments are per sample and become rates by 1/dt.
+RATE_UNITS: dict[str, float] = {
+    "rad/s": 1.0,
+    "deg/s": DEG,
+    "deg/h": DEG / HOUR,
+    "mrad/s": 1e-3,
+}
+ANGLE_UNITS: dict[str, float] = {"rad": 1.0, "deg": DEG, "arcsec": DEG / HOUR}
+FORCE_UNITS: dict[str, float] = {
+    "m/s2": 1.0,
+    "g": STANDARD_GRAVITY,
+    "mg": 1e-3 * STANDARD_GRAVITY,
+}
+VELOCITY_UNITS: dict[str, float] = {
+    "m/s": 1.0,
+    "g*s": STANDARD_GRAVITY,
+    "ug*s": 1e-6 * STANDARD_GRAVITY,
+}

@@ -1,0 +1,1 @@
+"""The bench: what moves, and what the sensors feel. It may import lbgc; lbgc never imports it."""

@@ -1,0 +1,267 @@
+"""Generate a labelled dataset: protocol -> motion -> IMU errors -> Zarr.
+
+python sim/generate.py latitude=32.76
+"""
+
+import sys
+from dataclasses import asdict, dataclass, field
+from math import gcd
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import zarr
+from tqdm import tqdm
+
+import lbgc
+from lbgc.data import store
+from lbgc.data.record import whole_multiple
+from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
+from lbgc.errors import require, require_choice, require_positive, run_main
+from lbgc.frames import wrap
+from lbgc.outputs import fingerprint, task_directory
+from lbgc.protocol import ProtocolConfig, plan
+from lbgc.sensor import streams
+from lbgc.sensor.imu import ImuConfig, Triad, TriadErrors
+from lbgc.sensor.streams import Purpose
+from sim.motion import rest
+from sim.scene import SceneConfig, try_picture
+
+
+@dataclass(frozen=True)
+class GenerateConfig:
+    """What `conf/generate.yaml` holds."""
+
+    latitude: float = 32.76
+    """degrees, north positive"""
+    rate_hz: float = 600.0
+    """Samples a second of the IMU."""
+    duration_s: float = 240.0
+    """Of each recording."""
+    recordings: int = 80
+    """How many."""
+    seed: int = 1
+    """Which recordings."""
+    unit_seed: int = 1
+    """Whose sensors."""
+    units: int = 1
+    """Serial numbers; recordings go round them in turn."""
+    sessions: int = 1
+    """Power-ups of each unit; its recordings go round them in turn."""
+    split: list[int] = field(default_factory=lambda: [70, 10, 20])
+    """Shares of training, validation and test."""
+    split_by: str = "recording"
+    """recording, session or unit: what is never in two parts."""
+    output: str = "samples"
+    """samples: every sample; means: block means over mean_s."""
+    mean_s: float = 5.0
+    """Length of the blocks for output=means."""
+    out: str | None = None
+    """The dataset's path; null: outputs/generate/<configuration hash>/dataset.zarr."""
+    imu: ImuConfig = field(default_factory=ImuConfig)
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
+
+    def __post_init__(self) -> None:
+        require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+        require_positive("rate_hz", self.rate_hz)
+        require_positive("duration_s", self.duration_s)
+        require_positive("mean_s", self.mean_s)
+        for name in ("recordings", "units", "sessions"):
+            require_positive(name, getattr(self, name))
+        for name in ("seed", "unit_seed"):
+            require(getattr(self, name) >= 0, name, getattr(self, name), "must not be negative")
+        require_choice("output", self.output, ("samples", "means"))
+        require_choice("split_by", self.split_by, ("recording", "session", "unit"))
+        good = len(self.split) == 3 and min(self.split) >= 0 and sum(self.split) > 0
+        require(good, "split", self.split, "must be three shares, like [70, 10, 20]")
+        self._check_rates()
+
+    def _check_rates(self) -> None:
+        physics = self.scene.physics_hz
+        require(
+            whole_multiple(physics, self.rate_hz) is not None,
+            "rate_hz",
+            self.rate_hz,
+            f"each sample must be a whole number of physics steps (scene.physics_hz = {physics:g})",
+        )
+        require(
+            whole_multiple(self.rate_hz, 1 / self.duration_s) is not None,
+            "duration_s",
+            self.duration_s,
+            f"must be a whole number of samples at {self.rate_hz:g} Hz",
+        )
+        if self.output == "means":
+            block = whole_multiple(self.rate_hz, 1 / self.mean_s)
+            fits = block is not None and self.samples % block == 0
+            require(
+                fits,
+                "mean_s",
+                self.mean_s,
+                f"must be whole samples at {self.rate_hz:g} Hz, and divide {self.duration_s:g} s",
+            )
+
+    @property
+    def samples(self) -> int:
+        """Of the sensor, a recording."""
+        return round(self.duration_s * self.rate_hz)
+
+    @property
+    def block(self) -> int:
+        """Samples per stored value."""
+        return round(self.mean_s * self.rate_hz) if self.output == "means" else 1
+
+    def content(self) -> dict:
+        """What decides the dataset's content: everything but where it goes."""
+        content = asdict(self)
+        del content["out"]
+        return content
+
+
+@dataclass(frozen=True)
+class _Sensor:
+    """Both triads, and which kind of values the dataset stores."""
+
+    gyro: Triad
+    accel: Triad
+    config: GenerateConfig
+
+    def measure(
+        self, triad: Triad, rng: np.random.Generator, truth: np.ndarray, errors: TriadErrors
+    ) -> np.ndarray:
+        n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
+        if self.config.output == "means":
+            return triad.measure_means(rng, truth, errors, n, dt, self.config.block)
+        return triad.measure(rng, truth, errors, n, dt)
+
+
+def main(config: GenerateConfig) -> Path:
+    """Generate the dataset (or what is missing of it) and return its path."""
+    sensor = _Sensor(config.imu.gyro.triad(), config.imu.accel.triad(), config)
+    latitude = float(np.deg2rad(config.latitude))
+    if config.output == "means":
+        sensor.gyro.check_means("imu.gyro", 1 / config.rate_hz, EARTH_RATE)
+        sensor.accel.check_means("imu.accel", 1 / config.rate_hz, normal_gravity(latitude))
+    if not heading_exists(latitude):
+        print(
+            f"warning: at latitude {config.latitude:g} heading does not exist; the labels say only "
+            "how the plate stands, and evaluation will refuse them",
+            file=sys.stderr,
+        )
+    dataset = store.create(_path(config), _layout(config, sensor), config.content(), _recipe())
+    missing = dataset.missing_shards()
+    total = sum(len(dataset.layout.rows(shard)) for shard in missing)
+    with tqdm(total=total, unit="rec", desc="generating", disable=not missing) as bar:
+        for shard in missing:
+            rows = []
+            for i in dataset.layout.rows(shard):
+                rows.append(_recording(config, sensor, i))
+                bar.update()
+            dataset.write_shard(shard, {n: np.stack([r[n] for r in rows]) for n in rows[0]})
+    _illustrate(dataset.path, config.scene)
+    return dataset.path
+
+
+def _path(config: GenerateConfig) -> Path:
+    if config.out is not None:
+        path = Path(config.out)
+        require(not path.is_file(), "out", path, "is a file; a dataset is a directory")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+    identity = fingerprint({"schema": store.SCHEMA, **config.content()})
+    return task_directory("generate", identity) / "dataset.zarr"
+
+
+def _layout(config: GenerateConfig, sensor: _Sensor) -> store.Layout:
+    as_counts = config.output == "samples"
+    return store.Layout(
+        recordings=config.recordings,
+        samples=config.samples // config.block,
+        rate_hz=config.rate_hz / config.block,
+        scales={
+            "gyro": sensor.gyro.lsb if as_counts else None,
+            "accel": sensor.accel.lsb if as_counts else None,
+        },
+    )
+
+
+def _recipe() -> dict:
+    return {
+        "versions": {
+            "lbgc": lbgc.__version__,
+            "mujoco": mujoco.__version__,
+            "numpy": np.__version__,
+            "zarr": zarr.__version__,
+        }
+    }
+
+
+def _recording(config: GenerateConfig, sensor: _Sensor, i: int) -> dict[str, np.ndarray]:
+    """All variables of recording i, which depend on the configuration and on i alone."""
+    unit = i % config.units
+    session = (i // config.units) % config.sessions
+    latitude = float(np.deg2rad(config.latitude))
+    labels = streams.recording(config.seed, i, Purpose.LABELS)
+    planned = plan(config.protocol, i)
+    azimuth = planned.azimuth_range * (labels.uniform() - 0.5)
+    reference_error = np.deg2rad(config.scene.reference_error_deg) * labels.standard_normal()
+    truth = rest(config.scene, planned, latitude, azimuth)
+
+    of_unit = streams.unit(config.unit_seed, unit)
+    of_session = streams.session(config.unit_seed, unit, session)
+    values: dict[str, np.ndarray | float | int] = {}
+    for name, triad, purpose, feels in (
+        ("gyro", sensor.gyro, Purpose.GYRO, truth.omega_ib_b),
+        ("accel", sensor.accel, Purpose.ACCEL, truth.f_ib_b),
+    ):
+        rng = streams.recording(config.seed, i, purpose)
+        errors = triad.draw_run(rng, triad.draw_unit(of_unit), triad.draw_session(of_session))
+        # Kept axis by axis in memory, as the store keeps it; logically (time, axis).
+        values[name] = sensor.measure(triad, rng, feels[:, None], errors).T
+        values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
+    n = config.samples // config.block
+    values |= {
+        "plate_angle": np.zeros(n),
+        "stage": np.zeros(n, np.int8),
+        "heading": truth.heading,
+        "heading_reference": float(wrap(truth.heading_control + reference_error - np.pi)),
+        "roll": truth.roll,
+        "pitch": truth.pitch,
+        "latitude": latitude,
+        "base_azimuth": azimuth,
+        "settling_time": truth.settling_s,
+        "unit": unit,
+        "session": session,
+        "split": _split(config, i, unit, session),
+    }
+    return {name: np.asarray(value) for name, value in values.items()}
+
+
+def _split(config: GenerateConfig, recording: int, unit: int, session: int) -> int:
+    """Which part a recording belongs to, whatever else is in the dataset.
+
+    What is split by is dealt in blocks whose size is the sum of the shares (10 for 70:10:20), each
+    block in an order of its own, so that whole blocks hold the shares exactly.
+    """
+    index = {
+        "recording": recording,
+        "session": session * config.units + unit,
+        "unit": unit,
+    }[config.split_by]
+    shares = np.array(config.split) // gcd(*config.split)
+    block, place = divmod(index, int(shares.sum()))
+    order = streams.split(config.seed, block).permutation(int(shares.sum()))
+    return int(np.searchsorted(np.cumsum(shares), order[place], side="right"))
+
+
+def _illustrate(path: Path, scene: SceneConfig) -> None:
+    """Store a picture of the scene beside the dataset, where one can be rendered."""
+    picture = path.with_suffix(".png")
+    if not picture.exists():
+        why_not = try_picture(picture, scene)
+        if why_not is not None:
+            print(f"no picture of the scene: {why_not}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    run_main(main, GenerateConfig, "generate")
