@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import hydra
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
@@ -165,6 +165,8 @@ def _hydra_says(error: BaseException) -> str:
         if isinstance(siblings, DictConfig):
             return str(InputError("key", cause.full_key, "", [str(k) for k in siblings]))
     said = str(error).strip()
+    if isinstance(error, OverrideParseException):
+        said = f"{error.override}: {said}"
     if cause is not None and str(cause).strip() not in said:
         said += "\n" + str(cause).strip()
     return said

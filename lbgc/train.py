@@ -235,7 +235,7 @@ def _save(
         "best_validation_deg": min(row["all"] for row in history),
         "training": asdict(config),
         "dataset": dataset.identity,
-        "unit_seed": dataset.configuration["unit_seed"],
+        "units": {k: dataset.configuration[k] for k in ("unit_seed", "units", "imu")},
         "seconds": round(seconds, 1),
     }
     write_atomically(run / DESCRIPTION, json.dumps(description, indent=2) + "\n")

@@ -1,0 +1,83 @@
+"""Shared: entry points called as users call them, and one trained run."""
+
+import os
+import sys
+
+import numpy as np
+import pytest
+import torch
+from helpers import composed, default_config, generate
+
+import lbgc.evaluate
+import lbgc.train
+import sim.generate
+import sim.scene
+from lbgc.errors import run_main
+
+torch.set_num_threads(1)  # the tests run on two processes
+
+ENTRY_POINTS = {
+    "sim.generate": (sim.generate.main, sim.generate.GenerateConfig, "generate"),
+    "sim.scene": (sim.scene.picture, sim.scene.PictureConfig, "scene_picture"),
+    "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),
+    "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),
+}
+
+
+class Outcome:
+    """What an entry point did: its exit code and what it printed."""
+
+    def __init__(self, code: int, out: str, err: str):
+        self.code, self.out, self.err = code, out, err
+
+    @property
+    def last_line(self) -> str:
+        return self.out.strip().splitlines()[-1]
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys, tmp_path):
+    """cli("sim.generate", "latitude=91") runs it in this process, in an empty directory."""
+    monkeypatch.chdir(tmp_path)
+    # Rendering has tests of its own; elsewhere it would only cost time.
+    monkeypatch.setattr(sim.generate, "try_picture", lambda *_: "not in tests")
+
+    def call(module: str, *arguments: str) -> Outcome:
+        monkeypatch.setattr(sys, "argv", [module, *arguments])
+        capsys.readouterr()
+        code = 0
+        try:
+            run_main(*ENTRY_POINTS[module])
+        except SystemExit as exit_:
+            code = int(exit_.code or 0)
+        said = capsys.readouterr()
+        return Outcome(code, said.out, said.err)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def unit_bias_run(tmp_path_factory):
+    """One unit whose whole bias is its own: (a dataset as means, a run trained on it)."""
+    home = tmp_path_factory.mktemp("unit_bias")
+    bias = ("imu.gyro.bias_run_deg_per_h=0", "imu.gyro.bias_unit_deg_per_h=1")
+    dataset = generate(
+        home / "d.zarr",
+        imu=default_config(*bias).imu,
+        recordings=1500,
+        output="means",
+        split=[60, 10, 30],
+    )
+    before = os.getcwd()
+    os.chdir(home)
+    try:
+        options = (f"data={dataset.path}", "steps=600", "validate_every=100")
+        run = lbgc.train.main(composed(lbgc.train.TrainConfig, "train", *options)).resolve()
+    finally:
+        os.chdir(before)
+    return dataset, run
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.Generator(np.random.SFC64(20261124))

@@ -1,0 +1,44 @@
+"""What several test files call: configurations as entry points compose them, and small datasets."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+import sim.generate
+from lbgc.data.store import Dataset
+from lbgc.errors import CONF, build
+from sim.generate import GenerateConfig
+
+ROOT = Path(__file__).parents[1]
+REAL_LOGS = Path(os.environ.get("LBGC_REAL_LOGS", "no such directory")).resolve()
+
+
+def needs_recording(name: str) -> pytest.MarkDecorator:
+    """Skip, by name, where a recording that is not part of the project is absent."""
+    return pytest.mark.skipif(
+        not (REAL_LOGS / name).exists(), reason=f"needs the recording {name} under $LBGC_REAL_LOGS"
+    )
+
+
+def composed(config_class: type, name: str, *overrides: str):
+    """The configuration that an entry point would be called with."""
+    with initialize_config_dir(CONF, version_base="1.3"):
+        raw = OmegaConf.to_container(compose(name, list(overrides)), resolve=True)
+    return build(config_class, raw)
+
+
+def default_config(*overrides: str) -> GenerateConfig:
+    """As `python sim/generate.py` composes it."""
+    return composed(GenerateConfig, "generate", *overrides)
+
+
+def generate(path: Path, **changes: object) -> Dataset:
+    """A dataset at `path`; the default experiment but for the changes, and no picture."""
+    config = replace(default_config(), out=str(path), **changes)
+    with patch.object(sim.generate, "try_picture", lambda *_: "not in tests"):
+        return Dataset.open_finished(sim.generate.main(config))

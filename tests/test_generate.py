@@ -1,0 +1,294 @@
+"""Generation: what is stored is what was asked for, whatever came before or follows."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from helpers import default_config, generate
+
+import sim.generate
+from lbgc.data.store import VARIABLES, Dataset
+from lbgc.data.windows import cut
+from lbgc.earth import earth_rate_ned
+from lbgc.estimators.static import mean
+from lbgc.frames import rotation_z, wrap
+from lbgc.metrics import heading_errors
+from sim.generate import GenerateConfig
+
+SMALL = {"recordings": 20, "rate_hz": 50.0, "duration_s": 20.0}
+
+
+def recording(config: GenerateConfig, i: int) -> dict[str, np.ndarray]:
+    gyro, accel = config.imu.gyro.triad(), config.imu.accel.triad()
+    return sim.generate._recording(config, sim.generate._Sensor(gyro, accel, config), i)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Dataset:
+    return generate(tmp_path_factory.mktemp("small") / "d.zarr", **SMALL)
+
+
+def test_the_default_is_the_papers_experiment():
+    config = default_config()
+    assert (config.rate_hz, config.duration_s, config.recordings) == (600.0, 240.0, 80)
+    assert config.latitude == 32.76
+    assert config.scene.reference_error_deg == 0.2
+    assert config.imu.gyro.bias_run_deg_per_h == 1.0
+
+
+def test_one_seed_one_digest(tmp_path, small):
+    again = generate(tmp_path / "again.zarr", **SMALL)
+    other = generate(tmp_path / "other.zarr", **SMALL, seed=2)
+    other_unit = generate(tmp_path / "unit.zarr", **SMALL, unit_seed=2)
+    assert again.digest() == small.digest()
+    assert len({small.digest(), other.digest(), other_unit.digest()}) == 3
+
+
+def test_a_longer_dataset_begins_with_the_same_recordings(tmp_path, small):
+    longer = generate(tmp_path / "longer.zarr", **(SMALL | {"recordings": 30}))
+    for name in VARIABLES:
+        np.testing.assert_array_equal(longer.label(name)[:20], small.label(name))
+
+
+def test_going_on_after_an_interruption_gives_the_same_bytes(tmp_path, monkeypatch, small):
+    """Killed while a shard is written: nothing is whole, and the second run makes it so."""
+    write = Dataset.write_shard
+
+    def killed(self, shard, batch):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Dataset, "write_shard", killed)
+    with pytest.raises(KeyboardInterrupt):
+        generate(tmp_path / "d.zarr", **SMALL)
+    assert Dataset.open(tmp_path / "d.zarr").missing_shards() == [0]
+    monkeypatch.setattr(Dataset, "write_shard", write)
+    assert generate(tmp_path / "d.zarr", **SMALL).digest() == small.digest()
+
+
+def test_labels_say_what_the_sensor_felt(small):
+    """Printed rates less the drawn errors are Earth's rate at the labelled heading, within the
+    noise of 20 s means: N/sqrt(20) = 0.42 deg/h, with flicker, six sigma = 3 deg/h."""
+    assert (np.abs(small.label("roll")) < 1e-12).all()
+    for i, record in enumerate(small.records(np.arange(20))):
+        truth = earth_rate_ned(record.latitude) @ rotation_z(record.heading)
+        bias = sum(small.label(f"gyro_bias_{part}")[i] for part in ("unit", "session", "run"))
+        expected = truth + small.label("gyro_matrix")[i] @ truth + bias
+        assert np.abs(record.gyro.mean(axis=0) - expected).max() < np.deg2rad(3 / 3600)
+
+
+def test_headings_cover_the_circle_and_the_encoder_says_nothing(tmp_path):
+    config = replace(default_config(), output="means", mean_s=240.0, recordings=144)
+    headings = np.array([recording(config, i)["heading"] for i in range(144)])
+    steps = np.rad2deg(np.diff(np.unwrap(headings)))
+    assert np.abs(steps.mean() - 5) < 0.1
+    assert np.ptp(np.sort(np.mod(headings, 2 * np.pi))) > np.deg2rad(350)
+    assert not any(recording(config, i)["plate_angle"].any() for i in range(3))
+
+
+def test_the_reference_errs_as_the_control_module_does(tmp_path):
+    """0.2 degrees, 1 sigma; 300 recordings: 4.5 x 1/sqrt(600) = 18%."""
+    config = replace(default_config(), output="means", mean_s=240.0)
+    rows = [recording(config, i) for i in range(300)]
+    errors = np.rad2deg(wrap([r["heading_reference"] - r["heading"] for r in rows]))
+    assert errors.std() == pytest.approx(0.2, rel=0.18)
+
+
+@pytest.mark.parametrize("split_by", ["recording", "session", "unit"])
+def test_splits_are_exact_and_what_is_split_by_never_straddles(split_by):
+    config = replace(
+        default_config(), output="means", mean_s=240.0, split_by=split_by, units=20, sessions=2
+    )
+    rows = [recording(config, i) for i in range(80)]
+    split = np.array([int(r["split"]) for r in rows])
+    unit = np.array([int(r["unit"]) for r in rows])
+    session = np.array([int(r["session"]) for r in rows])
+    assert np.bincount(split).tolist() == [56, 8, 16]
+    groups = {"recording": np.arange(80), "session": session * 20 + unit, "unit": unit}[split_by]
+    for group in np.unique(groups):
+        assert len(np.unique(split[groups == group])) == 1
+
+
+def test_biases_live_as_long_as_they_should():
+    config = default_config(
+        "imu.gyro.bias_unit_deg_per_h=1",
+        "imu.gyro.bias_session_deg_per_h=1",
+        "units=2",
+        "sessions=2",
+        "output=means",
+        "mean_s=240",
+    )
+    rows = [recording(config, i) for i in range(8)]
+    for name, key in (
+        ("gyro_bias_unit", lambda r: int(r["unit"])),
+        ("gyro_matrix", lambda r: int(r["unit"])),
+        ("gyro_bias_session", lambda r: (int(r["unit"]), int(r["session"]))),
+    ):
+        seen = {}
+        for row in rows:
+            np.testing.assert_array_equal(row[name], seen.setdefault(key(row), row[name]))
+        assert len({v.tobytes() for v in seen.values()}) == len(seen) > 1
+    assert len({r["gyro_bias_run"].tobytes() for r in rows}) == 8
+
+
+CHANGED = {
+    "latitude": 40.0,
+    "rate_hz": 100.0,
+    "duration_s": 10.0,
+    "recordings": 21,
+    "seed": 2,
+    "unit_seed": 2,
+    "units": 2,
+    "sessions": 2,
+    "split": [0, 0, 1],
+    "split_by": "unit",
+    "output": "means",
+    "mean_s": 10.0,
+    "out": "elsewhere.zarr",
+    "imu": "imu=ideal",
+    "scene": "scene.reference_error_deg=0.4",
+    "protocol": "protocol=static",
+}
+
+
+@pytest.mark.parametrize("field", [f.name for f in fields(GenerateConfig)])
+def test_every_field_changes_the_dataset(field, tmp_path):
+    overrides = ["rate_hz=50", "duration_s=20"]
+    base = default_config(*overrides, *(["output=means"] if field == "mean_s" else []))
+    change = CHANGED[field]
+    if field in ("imu", "scene", "protocol"):
+        changed = default_config(*overrides, change)
+    else:
+        changed = replace(base, **{field: change})
+    if field == "out":
+        assert sim.generate._path(changed).name == "elsewhere.zarr"
+    elif field == "recordings":
+        layout = sim.generate._layout
+        triads = base.imu.gyro.triad(), base.imu.accel.triad()
+        sensor = sim.generate._Sensor(*triads, base)
+        assert layout(changed, sensor).recordings == layout(base, sensor).recordings - 59
+    else:
+        before, after = ([recording(c, i) for i in range(20)] for c in (base, changed))
+        assert any(
+            b[name].shape != a[name].shape or (b[name] != a[name]).any()
+            for b, a in zip(before, after, strict=True)
+            for name in VARIABLES
+        )
+
+
+def test_the_baseline_is_the_papers(tmp_path):
+    """All 80 recordings of the default dataset, 240 s: the paper's median is 3.41 degrees."""
+    dataset = generate(tmp_path / "d.zarr", output="means", mean_s=240.0)
+    sizes = [
+        float(abs(heading_errors(mean(cut(r, 240.0)), np.array([r.heading]))[0]))
+        for r in dataset.records(np.arange(80))
+    ]
+    assert 2.1 < np.rad2deg(np.median(sizes)) < 4.6
+
+
+def test_fifty_experiments_agree_on_the_median(tmp_path):
+    """Mean over 50 seeds of the median over 80 recordings, 1 deg/h of run bias: 3.0 to 3.4. Its
+    own sampling error is 3.2 x 1.17/sqrt(2 x 80 x 50) = 0.04."""
+    medians = []
+    for seed in range(50):
+        config = replace(default_config(), output="means", mean_s=240.0, seed=seed)
+        rows = [recording(config, i) for i in range(80)]
+        gyro, accel = (np.array([r[n] for r in rows]) for n in ("gyro", "accel"))
+        from lbgc.estimators.static import gyrocompass, level
+
+        estimate = gyrocompass(gyro[:, 0], *level(accel[:, 0]))
+        errors = wrap(estimate - [r["heading"] for r in rows])
+        medians.append(np.rad2deg(np.median(np.abs(errors))))
+    assert 3.0 < np.mean(medians) < 3.4
+
+
+def test_means_and_samples_are_the_same_sensor(tmp_path):
+    """One shard each way, the same draws of bias: block-averaged samples agree with means within
+    the in-run noise of 20 s (six sigma, 3 deg/h)."""
+    config = replace(default_config(), rate_hz=50.0, duration_s=20.0)
+    for i in range(5):
+        full = recording(config, i)
+        means = recording(replace(config, output="means", mean_s=20.0), i)
+        lsb = config.imu.gyro.triad().lsb
+        for name in ("gyro_bias_run", "gyro_matrix", "heading", "heading_reference"):
+            np.testing.assert_array_equal(full[name], means[name])
+        difference = full["gyro"].mean(axis=0) * lsb - means["gyro"][0]
+        assert np.abs(difference).max() < np.deg2rad(3 / 3600)
+
+
+def test_at_the_pole_generation_warns(cli):
+    done = cli("sim.generate", "latitude=90", "recordings=1", "rate_hz=10", "duration_s=10")
+    assert done.code == 0
+    assert "heading does not exist" in done.err
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("latitude=91", "latitude = 91.0 deg: must be from -90 to 90"),
+        ("latitude=nan", "latitude = nan deg: must be a finite number"),
+        ("imu=nonesuch", "ideal\n\tsdc500\n"),
+        ("imu.gyro.arw=3", "key = imu.gyro.arw: choose from arw_deg_per_sqrt_h"),
+        ("latitud=3", "key = latitud: choose from"),
+        ("recordings=ten", "recordings = ten: must be a whole number"),
+        ("recordings=0", "recordings = 0: must be greater than zero"),
+        ("imu.gyro.arw_deg_per_sqrt_h=-0.1", "-0.1 deg/sqrt(h): must not be negative"),
+        ("imu.gyro.arw_deg_per_sqrt_h=nan", "nan deg/sqrt(h): must be a finite number"),
+        ("rate_hz=500", "rate_hz = 500.0 Hz: each sample must be a whole number of physics steps"),
+        ("duration_s=1.0001", "duration_s = 1.0001 s: must be a whole number of samples"),
+        ("split=[1,2]", "must be three shares"),
+        ("split_by=day", "choose from recording, session, unit"),
+        ("output=mean", "choose from samples, means"),
+        ("protocol.step_deg=-5", "protocol.step_deg = -5.0 deg"),
+        ("latitude=[", "latitude=[: no viable alternative"),
+        ("seed=-1", "seed = -1: must not be negative"),
+    ],
+)
+def test_bad_input_is_named_and_leaves_nothing_behind(cli, tmp_path, override, says):
+    done = cli("sim.generate", "out=d.zarr", "duration_s=10", "rate_hz=10", override)
+    assert done.code == 2
+    assert says in done.err
+    assert "Traceback" not in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_out_of_another_configuration_is_refused_and_kept(cli, tmp_path):
+    size = ("recordings=1", "rate_hz=10", "duration_s=10", "out=d.zarr")
+    assert cli("sim.generate", *size).code == 0
+    digest = Dataset.open(tmp_path / "d.zarr").digest()
+    done = cli("sim.generate", *size, "seed=9")
+    assert done.code == 2
+    assert "holds a dataset of another configuration" in done.err
+    assert Dataset.open_finished(tmp_path / "d.zarr").digest() == digest
+    (tmp_path / "file").write_text("mine")
+    assert "is a file" in cli("sim.generate", *size[:3], "out=file").err
+
+
+def test_a_sweep_makes_every_dataset_and_survives_one_bad_job(cli, tmp_path):
+    done = cli(
+        "sim.generate",
+        "--multirun",
+        "latitude=0,91,32.76,60",
+        "recordings=1",
+        "rate_hz=10",
+        "duration_s=10",
+    )
+    assert done.code == 2
+    assert "latitude = 91.0 deg" in done.err
+    made = sorted((tmp_path / "outputs" / "generate").glob("*/dataset.zarr"))
+    made = [m for m in made if not m.parent.is_symlink()]
+    latitudes = {float(np.rad2deg(Dataset.open_finished(m).label("latitude")[0])) for m in made}
+    assert {round(x, 9) for x in latitudes} == {0.0, 32.76, 60.0}
+
+
+def test_the_last_line_printed_is_the_path(cli, tmp_path):
+    done = cli("sim.generate", "recordings=1", "rate_hz=10", "duration_s=10")
+    assert Dataset.open_finished(tmp_path / done.last_line).rate_hz == 10.0
+    assert (tmp_path / "outputs/generate/latest/dataset.zarr").exists()
+
+
+def test_help_describes_every_parameter(cli):
+    said = cli("sim.generate", "--help").out
+    described = said[: said.index("Groups to choose from")]
+    for field in fields(GenerateConfig):
+        where = said if field.name in ("imu", "scene", "protocol") else described
+        assert field.name in where, field.name

@@ -1,0 +1,200 @@
+"""The error model: what each figure does, for how long it stays, and that none is a lie."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from lbgc.errors import InputError
+from lbgc.sensor import noise, streams
+from lbgc.sensor.imu import AccelConfig, GyroConfig, Triad
+from lbgc.units import DEG, HOUR
+
+GYRO = GyroConfig(
+    arw_deg_per_sqrt_h=0.3,
+    bias_instability_deg_per_h=2.0,
+    rrw_deg_per_h_per_sqrt_h=30.0,
+    bias_unit_deg_per_h=1.0,
+    bias_session_deg_per_h=0.5,
+    bias_run_deg_per_h=0.2,
+    scale_unit_ppm=3000.0,
+    misalignment_unit_mrad=5.0,
+    tone_hz=3.1,
+    tone_deg_per_h=[50.0, 20.0, 0.0],
+    rate_lsb_deg_per_s=1e-4,
+    range_deg_per_s=1.0,
+)
+ACCEL = AccelConfig(
+    noise_ug_per_sqrt_hz=100.0,
+    bias_instability_ug=50.0,
+    random_walk_ug_per_sqrt_h=500.0,
+    bias_unit_mg=1.0,
+    bias_session_mg=0.5,
+    bias_run_mg=0.2,
+    scale_unit_ppm=3000.0,
+    misalignment_unit_mrad=5.0,
+    tone_hz=3.1,
+    tone_ug=[50.0, 20.0, 0.0],
+    lsb_ug=10.0,
+    range_g=1.001,
+)
+CHANGED = {
+    "flicker_short_s": 3.0,
+    "flicker_long_s": 500.0,
+    "range_deg_per_s": 0.001,
+    "range_g": 0.5,
+    "tone_hz": 2.7,
+}
+
+
+def prints(config: GyroConfig | AccelConfig, n: int = 3000, dt: float = 0.01) -> np.ndarray:
+    """What a sensor of this configuration prints, in SI, everything drawn as in a dataset."""
+    triad = config.triad()
+    truth = np.array([[4e-5], [-5e-5], [3e-5]])
+    if isinstance(config, AccelConfig):
+        truth = np.array([[0.1], [-0.2], [-9.8]])
+    errors = triad.draw_run(
+        streams.recording(5, 0, streams.Purpose.GYRO),
+        triad.draw_unit(streams.unit(5, 0)),
+        triad.draw_session(streams.session(5, 0, 0)),
+    )
+    rng = streams.recording(5, 1, streams.Purpose.GYRO)
+    return triad.measure(rng, truth, errors, n, dt) * (triad.lsb or 1.0)
+
+
+@pytest.mark.parametrize("config", [GYRO, ACCEL], ids=["gyro", "accel"])
+def test_every_figure_changes_what_the_sensor_prints(config):
+    usual = prints(config)
+    for field in fields(config):
+        value = getattr(config, field.name)
+        scaled = [2 * v for v in value] if isinstance(value, list) else 2 * value
+        changed = replace(config, **{field.name: CHANGED.get(field.name, scaled)})
+        assert not np.array_equal(prints(changed), usual), field.name
+
+
+@pytest.mark.parametrize("config", [GyroConfig(), AccelConfig()])
+def test_a_sensor_without_errors_prints_the_truth(config):
+    truth = np.array([[4e-5], [-5e-5], [3e-5]])
+    if isinstance(config, AccelConfig):
+        truth = np.array([[0.1], [-0.2], [-9.8]])
+    np.testing.assert_allclose(prints(config), np.broadcast_to(truth, (3, 3000)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("config_class", [GyroConfig, AccelConfig])
+def test_negative_figures_are_refused_by_name(config_class):
+    for field in fields(config_class):
+        with pytest.raises(InputError, match=field.name):
+            config_class(**{field.name: -1.0})
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"arw_deg_per_sqrt_h": [1.0, 2.0]}, "one number or three"),
+        ({"rate_lsb_deg_per_s": 0.0}, "greater than zero"),
+        ({"flicker_long_s": 0.5}, "above flicker_short_s = 1.0"),
+        ({"tone_deg_per_h": 3.0}, "must be given for a tone"),
+    ],
+)
+def test_figures_that_make_no_sense_are_refused(values, says):
+    with pytest.raises(InputError, match=says):
+        GyroConfig(**values)
+
+
+def test_units_are_the_datasheets():
+    triad = GYRO.triad()
+    assert triad.N[0] == pytest.approx(0.3 * DEG / 60)
+    assert triad.B[1] == pytest.approx(2.0 * DEG / HOUR)
+    assert triad.K[2] == pytest.approx(30.0 * DEG / HOUR / 60)
+    assert triad.tone == pytest.approx((50 * DEG / HOUR, 20 * DEG / HOUR, 0.0))
+    # A density D per sqrt(Hz) is one-sided: over the Nyquist band the rms is D sqrt(rate/2), which
+    # is N sqrt(rate).
+    assert ACCEL.triad().N[0] * np.sqrt(200) == pytest.approx(100e-6 * 9.80665 * np.sqrt(100))
+
+
+def test_drawn_errors_have_their_sizes_and_lifetimes():
+    """1 sigma from 3,000 units: relative sampling error 1/sqrt(2 x 9000) = 0.75%, 4.5 of them."""
+    triad = GYRO.triad()
+    units = [triad.draw_unit(streams.unit(1, u)) for u in range(3000)]
+    biases, matrices = np.array([b for b, _ in units]), np.array([m for _, m in units])
+    assert biases.std() == pytest.approx(1.0 * DEG / HOUR, rel=0.034)
+    assert matrices[:, np.eye(3, dtype=bool)].std() == pytest.approx(3e-3, rel=0.034)
+    assert matrices[:, ~np.eye(3, dtype=bool)].std() == pytest.approx(5e-3, rel=0.034)
+    again = triad.draw_unit(streams.unit(1, 7))
+    np.testing.assert_array_equal(again[0], biases[7])
+    assert not np.array_equal(triad.draw_session(streams.session(1, 7, 0)), biases[7])
+
+
+def test_the_matrix_acts_as_the_papers_equations_say():
+    """(I + M) omega + b, with M's first row what the x sensor makes of the truth."""
+    triad = replace(GyroConfig(), scale_unit_ppm=1e4, misalignment_unit_mrad=10.0).triad()
+    errors = triad.draw_run(
+        np.random.default_rng(0), triad.draw_unit(np.random.default_rng(1)), np.full(3, 1e-5)
+    )
+    truth = np.array([[1e-3], [2e-3], [-1e-3]])
+    printed = triad.measure(np.random.default_rng(2), truth, errors, 1, 0.01)
+    expected = truth + errors.matrix @ truth + errors.bias[:, None]
+    np.testing.assert_allclose(printed, expected, rtol=1e-6)
+    assert errors.bias[0] == pytest.approx(1e-5)
+
+
+def test_counts_are_whole_and_clipped_at_the_range():
+    triad = replace(GYRO, tone_deg_per_h=0.0, tone_hz=0.0, range_deg_per_s=0.004).triad()
+    errors = triad.draw_run(np.random.default_rng(0), (np.zeros(3), np.zeros((3, 3))), np.zeros(3))
+    counts = triad.measure(np.random.default_rng(1), np.full((3, 1), 0.01), errors, 1000, 0.01)
+    assert counts.dtype == np.int32
+    assert np.unique(counts).tolist() == [40]
+
+
+def means_and_averages(triad: Triad, rng, draws: int, n: int, block: int, dt: float):
+    truth = np.full((3, 1), 3e-5)
+    errors = triad.draw_run(rng, (np.zeros(3), np.zeros((3, 3))), np.zeros(3))
+    direct, averaged = np.empty((draws, 3, n)), np.empty((draws, 3, n))
+    for d in range(draws):
+        direct[d] = triad.measure_means(rng, truth, errors, n, dt, block)
+        samples = triad.measure(rng, truth, errors, n * block, dt) * (triad.lsb or 1)
+        averaged[d] = samples.reshape(3, n, block).mean(axis=-1)
+    return direct - errors.bias[:, None], averaged - errors.bias[:, None]
+
+
+def test_means_have_the_law_of_averaged_samples_tone_and_counts_included(rng):
+    """Mean and spread of the first and last mean and of their difference, 1,500 draws x 3 axes;
+    4.5 sampling errors of the difference of two such estimates."""
+    config = replace(GYRO, tone_deg_per_h=0.0, tone_hz=0.0, rate_lsb_deg_per_s=0.03)
+    direct, averaged = means_and_averages(config.triad(), rng, 1500, 4, 10, 0.01)
+    for look in (lambda y: y[..., 0], lambda y: y[..., -1], lambda y: y[..., -1] - y[..., 0]):
+        a, b = look(direct).ravel(), look(averaged).ravel()
+        assert abs(a.mean() - b.mean()) < 4.5 * np.sqrt((a.var() + b.var()) / len(a))
+        assert a.var() == pytest.approx(b.var(), rel=4.5 * np.sqrt(4 / len(a)))
+
+
+def test_means_are_refused_in_the_dead_band_and_at_the_range():
+    coarse = replace(GYRO, rate_lsb_deg_per_s=0.2).triad()
+    with pytest.raises(InputError, match=r"imu.gyro.rate_lsb_deg_per_s = 0.2 deg/s.*dead band"):
+        coarse.check_means("imu.gyro", 0.01, 7e-5)
+    with pytest.raises(InputError, match=r"imu.accel.range_g = 0.5 g.*clips"):
+        replace(ACCEL, range_g=0.5).triad().check_means("imu.accel", 0.01, 9.8)
+    GYRO.triad().check_means("imu.gyro", 0.01, 7e-5)
+
+
+def test_predicted_allan_variance_is_that_of_what_is_printed(rng):
+    """Rounding and tone included; 100 recordings, z from their own spread."""
+    triad = replace(GYRO, rate_lsb_deg_per_s=0.02, range_deg_per_s=None).triad()
+    n, dt = 4000, 0.01
+    for m in (1, 10, 100, 1000):
+        drawn = []
+        for _ in range(100):
+            errors = triad.draw_run(rng, (np.zeros(3), np.zeros((3, 3))), np.zeros(3))
+            y = triad.measure(rng, np.full((3, 1), 3e-5), errors, n, dt) * triad.lsb
+            means = y.reshape(3, n // m, m).mean(axis=-1)
+            drawn.append(0.5 * np.mean(np.diff(means, axis=-1) ** 2, axis=-1))
+        drawn = np.array(drawn)
+        z = (drawn.mean(axis=0) - triad.allan_variance(np.array(m * dt), dt)) / (
+            drawn.std(axis=0, ddof=1) / 10
+        )
+        assert np.abs(z).max() < 4.5, m
+
+
+def test_a_zero_coefficient_is_no_term():
+    assert GyroConfig().triad().terms == ((), (), ())
+    assert GyroConfig(arw_deg_per_sqrt_h=[1, 0, 0]).triad().terms[0] == (noise.White(DEG / 60),)

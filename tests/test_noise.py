@@ -1,0 +1,183 @@
+"""Each term's faces agree with each other: drawn, averaged, predicted."""
+
+import numpy as np
+import pytest
+
+from lbgc.sensor import noise
+from lbgc.sensor.noise import Flicker, RandomWalk, Sinusoid, White
+
+# Coefficients such that every term matters at its own averaging times.
+TERMS = {
+    "white": (White(1.3),),
+    "flicker": (Flicker(0.7, 1.0, 200.0),),
+    "random walk": (RandomWalk(0.2),),
+    "their sum": (White(0.5), Flicker(0.7, 1.0, 200.0), RandomWalk(0.05)),
+}
+TONE = Sinusoid(2.0, 3.3)
+every_term = pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
+every_rate = pytest.mark.parametrize("rate", [10, 100, 600])
+
+
+def block_allan(y: np.ndarray, m: int) -> np.ndarray:
+    """Non-overlapping Allan variance of each row at m samples."""
+    n = y.shape[-1] // m * m
+    means = y[..., :n].reshape(*y.shape[:-1], -1, m).mean(axis=-1, dtype=float)
+    return 0.5 * np.mean(np.diff(means, axis=-1) ** 2, axis=-1)
+
+
+@every_rate
+@every_term
+def test_drawn_allan_variance_is_the_formula(terms, rate, rng):
+    """200 draws, octave taus from dt to T/4: z from the draws' own spread. Over the 12 cases there
+    are 132 values of z; the worst of so many normals is beyond 4.5 once in a thousand such runs."""
+    n = 4096
+    y = noise.sample(terms, rng, (200, n), 1 / rate)
+    assert y.dtype == np.float32
+    z = []
+    for m in 2 ** np.arange(11):
+        drawn = block_allan(y, m)
+        expected = noise.allan_variance(terms, np.array(m / rate))
+        z.append((drawn.mean() - expected) / (drawn.std(ddof=1) / np.sqrt(len(drawn))))
+    assert np.abs(z).max() < 4.5
+
+
+@every_term
+def test_covariance_of_means_is_that_of_averaged_samples(terms):
+    """Exactly: averaging the covariance of samples gives the covariance of block means."""
+    n, block, dt = 12, 5, 0.13
+    average = np.kron(np.eye(n), np.ones((1, block)) / block)
+    fine = average @ noise.covariance_of_means(terms, n * block, dt) @ average.T
+    np.testing.assert_allclose(noise.covariance_of_means(terms, n, dt, block), fine, rtol=1e-11)
+
+
+@every_term
+def test_allan_variance_follows_from_the_covariance(terms):
+    tau = 0.7
+    difference = np.array([-1.0, 1.0])
+    covariance = noise.covariance_of_means(terms, 2, tau)
+    expected = difference @ covariance @ difference / 2
+    np.testing.assert_allclose(noise.allan_variance(terms, np.array(tau)), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("term", [White(1.3), RandomWalk(0.2), Flicker(0.7, 1.0, 200.0)])
+@pytest.mark.parametrize("tau", [0.05, 3.0, 150.0])
+def test_allan_variance_follows_from_the_psd(term, tau):
+    """sigma^2 = 4 int_0^inf S(f) sin^4(pi f tau)/(pi f tau)^2 df, S two-sided (IEEE Std 952);
+    beyond x = pi f tau = 600, sin^4 is its mean 3/8 and S falls as f^-2, or is flat."""
+    x = np.concatenate([np.geomspace(1e-9, 1e-3, 20001)[:-1], np.linspace(1e-3, 600, 3_000_001)])
+    f = x / (np.pi * tau)
+    integral = np.trapezoid(term.psd(f) * np.sin(x) ** 4 / x**2, f)
+    slope = 0 if isinstance(term, White) else 2
+    tail = term.psd(f[-1:])[0] * 3 / 8 / x[-1] / (1 + slope) / (np.pi * tau)
+    np.testing.assert_allclose(4 * (integral + tail), term.allan_variance(tau), rtol=2e-5)
+
+
+@every_term
+def test_blocks_join_with_the_exact_covariance(terms):
+    """Two blocks of the sampler's own factor, multiplied out, are covariance_of_means."""
+    size, dt = 16, 0.31
+    f = noise._block_factor(terms, dt, size)
+    start = f.start @ f.start.T
+    L = f.L.astype(float)
+    end = f.F @ start @ f.F.T + f.G @ f.G.T + f.W @ f.W.T
+    first = f.O @ start @ f.O.T + L @ L.T
+    second = f.O @ end @ f.O.T + L @ L.T
+    across = (f.O @ start @ f.F.T + L @ f.G.T) @ f.O.T
+    joined = np.block([[first, across], [across.T, second]])
+    expected = noise.covariance_of_means(terms, 2 * size, dt)
+    np.testing.assert_allclose(joined, expected, atol=1e-6 * expected.max())
+
+
+@every_term
+def test_drawn_series_have_the_covariance_across_blocks(terms, rng):
+    """Variances of means over the first, middle and last third of 300 samples (over two block
+    borders) and of their differences, from 4,000 draws: relative sd sqrt(2/4000) = 2.2%, 4.5 of
+    them allowed."""
+    n, dt, draws = 300, 0.02, 4000
+    y = noise.sample(terms, rng, (draws, n), dt).astype(float)
+    thirds = np.kron(np.eye(3), np.full((1, 100), 0.01))
+    looks = np.vstack([np.eye(3), [[-1, 1, 0], [0, -1, 1], [-1, 0, 1]]]) @ thirds
+    expected = np.diag(looks @ noise.covariance_of_means(terms, n, dt) @ looks.T)
+    drawn = np.mean((y @ looks.T) ** 2, axis=0)
+    np.testing.assert_allclose(drawn, expected, rtol=4.5 * np.sqrt(2 / draws))
+
+
+def test_sample_means_has_the_law_of_averaged_samples(rng):
+    """Both drawn; covariances compared elementwise against their sampling error."""
+    terms, draws, n, block, dt = TERMS["their sum"], 4000, 6, 20, 0.05
+    fine = noise.sample(terms, rng, (draws, n * block), dt).astype(float)
+    averaged = fine.reshape(draws, n, block).mean(axis=-1)
+    direct = noise.sample_means(terms, rng, (draws, n), dt, block).astype(float)
+    expected = noise.covariance_of_means(terms, n, dt, block)
+    spread = np.sqrt((expected**2 + np.outer(np.diag(expected), np.diag(expected))) / draws)
+    for drawn in (averaged, direct):
+        z = (drawn.T @ drawn / draws - expected) / spread
+        assert np.abs(z).max() < 4.5
+
+
+def test_flicker_floor_is_flat_between_its_corners():
+    b, short, long = 0.3, 1.0, 3600.0
+    flicker = Flicker(b, short, long)
+    taus = np.geomspace(short, long, 200)
+    deviation = np.sqrt(flicker.allan_variance(taus)) / (np.sqrt(2 * np.log(2) / np.pi) * b)
+    inside = (taus >= 2 * short) & (taus <= long / 2)
+    assert np.abs(deviation[inside] - 1).max() < 0.005
+    assert np.abs(deviation - 1).max() < 0.015
+    slope = np.gradient(np.log(deviation), np.log(taus))
+    assert np.abs(slope[(taus > 10 * short) & (taus < long / 10)]).max() < 0.002
+
+
+def test_flicker_is_the_same_process_at_every_rate():
+    """Its Allan variance at one tau does not know the sample rate."""
+    terms = (Flicker(1.0),)
+    by_rate = [noise.covariance_of_means(terms, 2, 1 / rate, 4 * rate) for rate in (10, 100, 600)]
+    np.testing.assert_allclose(by_rate[1], by_rate[0], rtol=1e-9)
+    np.testing.assert_allclose(by_rate[2], by_rate[0], rtol=1e-9)
+
+
+def test_random_walk_starts_at_zero_and_flicker_does_not(rng):
+    dt = 1e-3
+    walk = RandomWalk(1.0).sample(rng, (2000, 2), dt)[:, 0]
+    np.testing.assert_allclose(walk.var(), dt / 3, rtol=4.5 * np.sqrt(2 / 2000))
+    flicker = Flicker(1.0)
+    first = flicker.sample(rng, (2000, 2), dt)[:, 0]
+    assert first.var() == pytest.approx(flicker.variances().sum(), rel=0.15)
+
+
+def test_slow_terms_survive_under_fast_ones(rng):
+    """Samples whose white noise hides the walk fifteen times over: averaged, the walk is all there,
+    though the samples are float32."""
+    white, n, dt = White(1.0), 20_000, 1 / 600
+    walk = RandomWalk(0.3)
+    with_walk = noise.sample((white, walk), rng, (400, n), dt)
+    end = with_walk[:, -2000:].astype(float).mean(axis=1)
+    m = 2000 * dt
+    expected = white.N**2 / m + walk.K**2 * (n * dt - m + m / 3)
+    np.testing.assert_allclose(end.var(), expected, rtol=4.5 * np.sqrt(2 / 400))
+
+
+def test_sinusoid_averages_to_its_own_means(rng):
+    phase, dt, block = np.array([0.4, 2.0]), 0.01, 25
+    fine = TONE.at_phase(phase, 500, dt).reshape(2, 20, block).mean(axis=-1)
+    np.testing.assert_allclose(fine, TONE.at_phase(phase, 20, dt * block), atol=1e-12)
+
+
+@pytest.mark.parametrize("m", [1, 7, 40])
+def test_sinusoid_allan_variance_and_covariance(m, rng):
+    dt = 0.01
+    y = TONE.sample(rng, (3000, 2 * m), dt)
+    drawn = block_allan(y, m)
+    expected = TONE.allan_variance(np.array(m * dt))
+    assert abs(drawn.mean() - expected) < 4.5 * drawn.std() / np.sqrt(len(drawn)) + 1e-12
+    covariance = TONE.covariance_of_means(2, dt, m)
+    np.testing.assert_allclose(covariance[0, 0] - covariance[0, 1], expected, atol=1e-12)
+
+
+def test_each_term_alone_is_the_modules_sum_of_one(rng):
+    again = np.random.Generator(np.random.SFC64(3))
+    term = Flicker(1.0)
+    alone = term.sample_means(np.random.Generator(np.random.SFC64(3)), (2, 40), 0.1, 5)
+    np.testing.assert_array_equal(alone, noise.sample((term,), again, (2, 40), 0.5))
+    np.testing.assert_array_equal(
+        term.covariance_of_means(4, 0.1), noise.covariance_of_means((term,), 4, 0.1)
+    )

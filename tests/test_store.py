@@ -1,0 +1,169 @@
+"""The dataset's promises: readable elsewhere, checked, and never whole when it is not."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+import zarr
+
+from lbgc.data import store
+from lbgc.data.store import VARIABLES, Dataset, Layout
+from lbgc.errors import InputError
+
+LAYOUT = Layout(600, 40, 2.0, {"gyro": 1e-6, "accel": None})
+
+
+def batch(layout: Layout, shard: int) -> dict[str, np.ndarray]:
+    """Made-up values of every variable for a shard's recordings."""
+    rng = np.random.default_rng(shard)
+    sizes = {"recording": len(layout.rows(shard)), "time": layout.samples, "axis": 3, "axis_in": 3}
+    return {
+        name: rng.integers(0, 3, tuple(sizes[d] for d in variable.dims))
+        for name, variable in VARIABLES.items()
+    }
+
+
+def make(path: Path, shards: int | None = None) -> Dataset:
+    dataset = store.create(path, LAYOUT, {"a": 1}, {})
+    for shard in range(LAYOUT.shards if shards is None else shards):
+        dataset.write_shard(shard, batch(LAYOUT, shard))
+    return dataset
+
+
+@pytest.fixture
+def dataset(tmp_path) -> Dataset:
+    return make(tmp_path / "d.zarr")
+
+
+def test_xarray_opens_it_with_units_and_names_on_every_variable(dataset):
+    opened = xarray.open_zarr(dataset.path, consolidated=False)
+    assert set(VARIABLES) <= set(opened.variables)
+    for name, variable in opened.variables.items():
+        assert variable.attrs["units"], name
+        assert variable.attrs["long_name"], name
+    assert opened["gyro"].dims == ("recording", "time", "axis")
+    assert opened["split"].attrs["flag_meanings"] == "train validation test"
+    np.testing.assert_allclose(opened["time"], np.arange(1, 41) / 2)
+
+
+def test_counts_are_decoded_and_zeros_are_not_missing(dataset):
+    opened = xarray.open_zarr(dataset.path, consolidated=False)
+    assert opened["gyro"].dtype == np.float64
+    first = batch(LAYOUT, 0)
+    np.testing.assert_allclose(opened["gyro"][:512].values, first["gyro"] * 1e-6)
+    assert np.isfinite(opened["accel"].values).all()
+    record = next(iter(dataset.records(np.array([3]))))
+    np.testing.assert_allclose(record.gyro, first["gyro"][3] * 1e-6)
+    assert record.heading == first["heading"][3]
+
+
+def test_records_come_in_order_across_shards(dataset):
+    names = [r.name for r in dataset.records(np.array([599, 5, 511, 512]))]
+    assert names == [f"d.zarr[{i}]" for i in (5, 511, 512, 599)]
+
+
+def test_the_checksum_is_the_last_codec_of_every_array(dataset):
+    """The wrong order is accepted silently by Zarr, and then guards nothing on disk."""
+    for file in dataset.path.rglob("zarr.json"):
+        metadata = json.loads(file.read_text())
+        if metadata["node_type"] == "array":
+            codecs = metadata["codecs"]
+            if codecs[0]["name"] == "sharding_indexed":
+                codecs = codecs[0]["configuration"]["codecs"]
+            assert codecs[-1]["name"] == "crc32c", file
+    gyro = json.loads((dataset.path / "gyro" / "zarr.json").read_text())["codecs"]
+    inner = gyro[0]["configuration"]["codecs"] if gyro[0]["name"] == "sharding_indexed" else gyro
+    assert [c["name"] for c in inner] == ["transpose", "bytes", "blosc", "crc32c"]
+
+
+def test_a_flipped_bit_is_not_read_as_data(dataset):
+    payload = next(p for p in (dataset.path / "gyro" / "c").rglob("*") if p.is_file())
+    content = bytearray(payload.read_bytes())
+    content[len(content) // 2] ^= 4
+    payload.write_bytes(content)
+    with pytest.raises(ValueError, match="checksum"):
+        dataset.digest()
+
+
+def test_the_digest_is_of_the_content(tmp_path):
+    one, two = make(tmp_path / "one.zarr"), make(tmp_path / "two.zarr")
+    assert one.digest() == two.digest()
+    changed = batch(LAYOUT, 1)
+    changed["gyro"][0, 0, 0] += 1
+    two.write_shard(1, changed)
+    assert one.digest() != two.digest()
+
+
+def test_no_wall_clock_in_the_bytes(tmp_path):
+    one, two = make(tmp_path / "one.zarr").path, make(tmp_path / "two.zarr").path
+    files = sorted(p.relative_to(one) for p in one.rglob("*") if p.is_file())
+    assert files == sorted(p.relative_to(two) for p in two.rglob("*") if p.is_file())
+    for file in files:
+        assert (one / file).read_bytes() == (two / file).read_bytes(), file
+
+
+def test_an_unfinished_dataset_is_refused_and_can_be_gone_on_with(tmp_path):
+    path = tmp_path / "d.zarr"
+    make(path, shards=1)
+    with pytest.raises(InputError, match="is not finished: 1 of 2 shards are missing"):
+        Dataset.open_finished(path)
+    again = store.create(path, LAYOUT, {"a": 1}, {})
+    assert again.missing_shards() == [1]
+    again.write_shard(1, batch(LAYOUT, 1))
+    assert Dataset.open_finished(path).digest() == make(tmp_path / "whole.zarr").digest()
+
+
+def test_another_configuration_is_refused(dataset):
+    with pytest.raises(InputError, match="of another configuration"):
+        store.create(dataset.path, LAYOUT, {"a": 2}, {})
+
+
+@pytest.mark.parametrize("content", [None, "file", "directory", "zarr"])
+def test_what_is_no_dataset_is_refused_and_left_alone(tmp_path, content):
+    path = tmp_path / "x"
+    if content == "file":
+        path.write_text("hello")
+    elif content == "directory":
+        path.mkdir()
+        (path / "precious").write_text("hello")
+    elif content == "zarr":
+        zarr.create_group(path)
+    with pytest.raises(InputError, match="is no dataset"):
+        Dataset.open(path)
+    if content in ("directory", "zarr"):
+        with pytest.raises(InputError, match="is no dataset"):
+            store.create(path, LAYOUT, {"a": 1}, {})
+        assert any(path.iterdir())
+
+
+def test_another_schema_is_refused_by_number(dataset):
+    zarr.open_group(dataset.path, mode="r+").attrs["schema"] = 999
+    with pytest.raises(InputError, match="has schema 999, this version reads 1"):
+        Dataset.open(dataset.path)
+
+
+def test_what_a_killed_creation_left_is_made_anew(tmp_path):
+    path = tmp_path / "d.zarr"
+    (tmp_path / "d.zarr.creating").mkdir()
+    (tmp_path / "d.zarr.creating" / "half").write_text("")
+    path.mkdir()  # an empty directory is nobody's dataset
+    assert make(path).missing_shards() == []
+    assert not (tmp_path / "d.zarr.creating").exists()
+
+
+def test_a_directory_around_the_dataset_will_do(tmp_path, dataset):
+    shutil.move(dataset.path, tmp_path / "dataset.zarr")
+    assert Dataset.open(tmp_path).identity == dataset.identity
+
+
+def test_shards_do_not_depend_on_how_many_recordings_there_are():
+    """Full rate: 8 to 16 recordings a shard; means: hundreds."""
+    full = [Layout(n, 144_000, 600.0, {}).shard for n in (1, 80, 5000)]
+    means = [Layout(n, 48, 0.2, {}).shard for n in (1, 80, 5000)]
+    assert full == [16] * 3
+    assert means == [512] * 3
+    assert Layout(80, 144_000, 600.0, {}).shards == 5
+    assert list(Layout(80, 144_000, 600.0, {}).rows(4)) == list(range(64, 80))
