@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Recordings that are not part of the project; without them what needs them is left out, by name.
-LBGC_REAL_LOGS ?= $(wildcard ../shared/real-logs)
+LBGC_REAL_LOGS ?= $(abspath $(wildcard ../shared/real-logs))
 ifneq ($(LBGC_REAL_LOGS),)
 export LBGC_REAL_LOGS
 endif
@@ -49,7 +49,7 @@ check: $(STAMP)
 	$(BIN)/mypy
 
 test: check
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 format: $(STAMP)
 	$(BIN)/ruff check --fix .

@@ -47,7 +47,7 @@ class EvaluateConfig:
 
     def __post_init__(self) -> None:
         one = (self.data is None) != (self.log is None)
-        given = f"data={self.data}" if self.data else "nothing" if self.log is None else "both"
+        given = "both" if self.log is not None else "nothing"
         require(one, "data or log", given, "give one: data=PATH, or log=NAME")
         for name in self.estimators:
             require_choice("estimators", name, list(CLASSICAL))
@@ -122,12 +122,13 @@ def _evaluate(
                 errors[name, window_s].append(wrong)
                 latitudes[name, window_s].append(windows.latitude)
     shortest = min(config.windows_s)
-    require(
-        longest >= shortest,
-        "the recording's length",
-        round(longest, 3),
-        f"s is less than the shortest window, {shortest:g} s (windows_s)",
-    )
+    if longest < shortest:
+        raise InputError(
+            "the longest recording",
+            f"{longest:g}",
+            "s",
+            f"is shorter than the shortest window, {shortest:g} s (windows_s)",
+        )
     notes = [
         f"windows of {window:g} s are left out: the longest recording has {longest:g} s"
         for window in config.windows_s

@@ -42,7 +42,7 @@ class GenerateConfig:
     """How many."""
     seed: int = 1
     """Which recordings."""
-    unit_seed: int = 1
+    unit_seed: int = 4
     """Whose sensors."""
     units: int = 1
     """Serial numbers; recordings go round them in turn."""

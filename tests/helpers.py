@@ -16,6 +16,7 @@ from sim.generate import GenerateConfig
 
 ROOT = Path(__file__).parents[1]
 REAL_LOGS = Path(os.environ.get("LBGC_REAL_LOGS", "no such directory")).resolve()
+os.environ["LBGC_REAL_LOGS"] = str(REAL_LOGS)  # tests change directory
 
 
 def needs_recording(name: str) -> pytest.MarkDecorator:

@@ -64,8 +64,9 @@ class LogConfig:
     """degrees; null: from the header"""
     heading_deg: float | None = None
     """Reference heading of the forward axis; null: from the header or the file's name, if there."""
-    bias_limit_deg_per_h: float = 100.0
-    """Largest gyro bias this sensor can have: a mean rate further from Earth's is refused."""
+    bias_limit_deg_per_h: float = 14.0
+    """Largest gyro bias this sensor can have: a mean rate further from Earth's is refused. Below
+    15 a unit that makes the rates too small is seen as well."""
 
     def __post_init__(self) -> None:
         require_choice("reader", self.reader, tuple(_READERS))

@@ -51,12 +51,13 @@ class Learned:
         Raises InputError where the windows' rate is no whole multiple of the model's, where they
         are too short, or where a value is not finite.
         """
-        require(
-            windows.duration_s >= SHORTEST_WINDOW_S - 1e-9,
-            "window",
-            windows.duration_s,
-            f"s is shorter than the {SHORTEST_WINDOW_S:g} s a model is trained for",
-        )
+        if windows.duration_s < SHORTEST_WINDOW_S - 1e-9:
+            raise InputError(
+                "a window",
+                f"{windows.duration_s:g}",
+                "s",
+                f"is shorter than the {SHORTEST_WINDOW_S:g} s that models are trained for",
+            )
         x = features(self.net.config, at_rate(windows, self.rate_hz))
         with torch.inference_mode():
             heading = self.net.heading_deg(self.net(torch.from_numpy(x)))

@@ -138,7 +138,8 @@ def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | No
     return {
         **{part: f"{v:.3g}" for part, v in across.items()},
         "repeats": f"{across['unit'] ** 2 / total:.0%}" if total else "none",
-        "same_unit": run is not None and all(configuration[k] == v for k, v in run["units"].items()),
+        "same_unit": run is not None
+        and all(configuration[k] == v for k, v in run["units"].items()),
         "trained": run is not None,
     }
 

@@ -1,0 +1,202 @@
+"""The house rules that a machine can hold: arrows run one way, libraries keep to their rooms."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers import ROOT
+
+FILES = sorted([*(ROOT / "lbgc").rglob("*.py"), *(ROOT / "sim").rglob("*.py")])
+
+# What each part may import of the project, beside itself. Entry points may import anything.
+BASE = {
+    "lbgc",
+    "lbgc.errors",
+    "lbgc.earth",
+    "lbgc.frames",
+    "lbgc.protocol",
+    "lbgc.units",
+    "lbgc.outputs",
+}
+MAY_IMPORT = {
+    "lbgc.units": set(),
+    "lbgc.outputs": set(),
+    "lbgc.earth": set(),
+    "lbgc.frames": set(),
+    "lbgc.errors": {"lbgc.units"},
+    "lbgc.protocol": {"lbgc.errors"},
+    "lbgc.sensor": BASE,
+    "lbgc.data": BASE | {"lbgc.sensor"},
+    "lbgc.estimators": BASE | {"lbgc.sensor", "lbgc.data"},
+    "lbgc.metrics": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
+    "lbgc.learning": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
+    "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics"},
+    "sim": BASE | {"lbgc.sensor", "lbgc.data"},
+}
+ENTRY_POINTS = ("lbgc/train.py", "lbgc/evaluate.py", "sim/generate.py", "sim/scene.py")
+ROOMS = {
+    "zarr": {"lbgc/data/store.py"},
+    "pyarrow": {"lbgc/data/logs.py"},
+    "mujoco": {"sim/scene.py", "sim/motion.py"},
+    "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py"},
+    "hydra": {"lbgc/errors.py"},
+    "omegaconf": {"lbgc/errors.py"},
+    "allantools": {"lbgc/sensor/allan.py"},
+    "torch": {"lbgc/learning/model.py", "lbgc/learning/loss.py", "lbgc/learning/estimator.py",
+              "lbgc/train.py"},
+}  # fmt: skip
+VERSIONS_ONLY = {("sim/generate.py", "zarr"), ("sim/generate.py", "mujoco")}
+IMAGE_WRITING = {("sim/scene.py", "matplotlib")}
+
+
+def imports(file: Path) -> set[str]:
+    """Dotted names of every module a file imports, wherever in it."""
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def part(name: str) -> str | None:
+    """The part of the project that a dotted name belongs to, or None."""
+    parts = name.split(".")
+    if parts[0] == "sim":
+        return "sim"
+    if parts[0] != "lbgc":
+        return None
+    return ".".join(parts[:2]) if len(parts) > 1 and parts[1][0].islower() else "lbgc"
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(ROOT)))
+def test_arrows_run_one_way(file):
+    where = str(file.relative_to(ROOT))
+    own = part(where.removesuffix(".py").replace("/", "."))
+    wanted = {p for p in map(part, imports(file)) if p} - {own, "lbgc"}
+    if where.startswith("lbgc"):
+        assert "sim" not in wanted
+    if where not in ENTRY_POINTS and own != "lbgc":
+        assert wanted <= MAY_IMPORT[own or ""], where
+
+
+@pytest.mark.parametrize("library", ROOMS)
+def test_libraries_keep_to_their_rooms(library):
+    found = {
+        str(f.relative_to(ROOT)) for f in FILES if library in {i.split(".")[0] for i in imports(f)}
+    }
+    exceptions = {f for f, lib in VERSIONS_ONLY | IMAGE_WRITING if lib == library}
+    assert found - exceptions <= ROOMS[library]
+
+
+def test_randomness_is_never_global():
+    for file in FILES:
+        text = file.read_text()
+        for name in (
+            "np.random.seed",
+            "np.random.normal",
+            "np.random.rand",
+            "default_rng",
+            "import random",
+        ):
+            assert name not in text, file
+        if "torch.manual_seed" in text:
+            assert file.name == "model.py"
+
+
+def test_nothing_is_unpickled():
+    for file in FILES:
+        text = file.read_text()
+        assert "pickle" not in text
+        assert "torch.load" not in text
+
+
+def test_files_can_be_read_in_one_sitting():
+    for file in FILES:
+        assert len(file.read_text().splitlines()) <= 400, file
+
+
+@pytest.mark.parametrize("script", ENTRY_POINTS)
+def test_every_entry_point_runs_from_another_directory(script, tmp_path):
+    """`python lbgc/train.py` puts lbgc/ itself first on the import path: no module there may
+    shadow another's."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / script), "--help"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_refusal_in_a_process_of_its_own_ends_with_two_and_no_traceback(tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "sim/generate.py"), "latitude=91"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert "error: latitude = 91.0 deg: must be from -90 to 90" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_configuration_files_mirror_the_dataclasses():
+    """Every value of conf/ is a field, and every field stands in the YAML where users look."""
+    from dataclasses import fields
+
+    import yaml
+
+    from lbgc.data.logs import LogConfig
+    from lbgc.evaluate import EvaluateConfig
+    from lbgc.learning.model import ModelConfig
+    from lbgc.train import TrainConfig
+    from sim.generate import GenerateConfig
+    from sim.scene import PictureConfig, SceneConfig
+
+    conf = ROOT / "conf"
+
+    def keys(path: Path) -> set[str]:
+        return set(yaml.safe_load(path.read_text())) - {"defaults", "hydra"}
+
+    groups = {"imu", "scene", "protocol", "model", "log"}
+    entry_points = {
+        "generate": GenerateConfig,
+        "train": TrainConfig,
+        "evaluate": EvaluateConfig,
+        "scene_picture": PictureConfig,
+    }
+    for name, config in entry_points.items():
+        assert keys(conf / f"{name}.yaml") == {f.name for f in fields(config)} - groups, name
+    for folder, config in (("model", ModelConfig), ("scene", SceneConfig)):
+        for path in (conf / folder).glob("*.yaml"):
+            assert keys(path) == {f.name for f in fields(config)}, path
+    assert keys(conf / "log" / "csv.yaml") == {f.name for f in fields(LogConfig)}
+
+
+def test_defaults_of_the_dataclasses_are_those_of_the_yaml():
+    from dataclasses import replace
+
+    from helpers import composed
+
+    from lbgc.evaluate import EvaluateConfig
+    from lbgc.train import TrainConfig
+    from sim.generate import GenerateConfig
+
+    generate = composed(GenerateConfig, "generate")
+    assert replace(GenerateConfig(), imu=generate.imu) == generate
+    assert composed(TrainConfig, "train", "data=x") == TrainConfig(data="x")
+    assert composed(EvaluateConfig, "evaluate", "data=x") == EvaluateConfig(data="x")
+
+
+@pytest.mark.parametrize("imu", [p.stem for p in (ROOT / "conf" / "imu").glob("*.yaml")])
+def test_every_preset_is_a_sensor(imu):
+    from helpers import default_config
+
+    config = default_config(f"imu={imu}").imu
+    assert config.name
+    config.gyro.triad()
+    config.accel.triad()

@@ -1,0 +1,211 @@
+"""The evaluation: its figures, its page, and what it refuses."""
+
+import json
+import re
+from dataclasses import fields
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import generate, needs_recording
+from test_logs import columns, spoiled, write
+
+from lbgc.data.logs import LogConfig
+from lbgc.evaluate import EvaluateConfig
+from lbgc.metrics import heading_errors, summarise
+
+CSV = ("log=csv", "log.path=log.csv", "log.latitude=32.76", "log.time_column=t")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return generate(
+        tmp_path_factory.mktemp("d") / "d.zarr", recordings=30, rate_hz=10.0, duration_s=60.0
+    )
+
+
+def results(done, tmp_path) -> dict:
+    assert done.code == 0, done.err
+    return json.loads((tmp_path / done.last_line).with_name("results.json").read_text())
+
+
+def test_metrics_say_what_they_do():
+    errors = heading_errors(np.deg2rad([359.0, 2.0, 183.0]), np.deg2rad([1.0, 358.0, 183.5]))
+    np.testing.assert_allclose(np.rad2deg(errors), [-2.0, 4.0, -0.5], atol=1e-12)
+    said = summarise(errors, np.full(3, np.pi / 3))
+    assert said.windows == 3
+    assert said.rmse_deg == pytest.approx(np.sqrt((4 + 16 + 0.25) / 3))
+    assert said.median_deg == pytest.approx(2.0)
+    assert said.iqr_deg == pytest.approx(3.0 - 1.25)
+    assert said.p95_deg == pytest.approx(3.8)
+    assert said.rmse_cos_latitude_deg == pytest.approx(said.rmse_deg / 2)
+
+
+def test_a_dataset_and_a_run_become_a_table_json_and_a_page(cli, tmp_path, unit_bias_run):
+    dataset, run = unit_bias_run
+    done = cli("lbgc.evaluate", f"data={dataset.path}", f"run={run}")
+    said = results(done, tmp_path)
+    assert said["against"] == "truth"
+    keys = {"estimator", "window_s", "windows", "rmse_deg", "median_deg", "iqr_deg"}
+    assert all(keys <= set(row) for row in said["rows"])
+    counts = {(r["estimator"], r["window_s"]): r["windows"] for r in said["rows"]}
+    assert counts == {
+        (e, w): 450 * round(240 // w)
+        for e in ("mean", "bilstm_24")
+        for w in (10.0, 20.0, 30.0, 60.0, 240.0)
+    }
+    for row in said["rows"]:
+        assert f"{row['rmse_deg']:.2f}" in done.out
+    page = (tmp_path / done.last_line).read_text()
+    HTMLParser().feed(page)
+    assert not re.search(r"""(src|href)=["'](?!data:)""", page), "the page needs another file"
+    for title in ("Error against window", "Box plots", "Allan deviation", "Loss curve", "paper"):
+        assert title in page
+    assert "<b>100%</b> of its" in page.replace("\n", " ")
+    assert "other recordings of these same" in page.replace("\n", " ")
+    assert "the paper states 98965" in page
+
+
+def test_a_model_of_other_units_is_called_that(cli, tmp_path, unit_bias_run, dataset):
+    done = cli("lbgc.evaluate", f"data={dataset.path}", f"run={unit_bias_run[1]}")
+    assert "trained on <b>other units</b>" in (tmp_path / done.last_line).read_text()
+    assert "windows of 240 s are left out: the longest recording has 60 s" in done.out
+
+
+def test_a_picture_of_the_scene_is_shown_where_there_is_one(cli, tmp_path, dataset):
+    without = cli("lbgc.evaluate", f"data={dataset.path}")
+    assert "The bench" not in (tmp_path / without.last_line).read_text()
+    dataset.path.with_suffix(".png").write_bytes(b"PNG")
+    try:
+        done = cli("lbgc.evaluate", f"data={dataset.path}")
+        assert "The bench" in (tmp_path / done.last_line).read_text()
+    finally:
+        dataset.path.with_suffix(".png").unlink()
+
+
+def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
+    other = generate(tmp_path / "other.zarr", recordings=30, rate_hz=10.0, duration_s=60.0, seed=3)
+    write(tmp_path / "log.csv", columns())
+    base = f"data={dataset.path}"
+    changes = {
+        "data": (f"data={other.path}",),
+        "log": (*CSV, "log.heading_deg=40"),
+        "run": (base, f"run={unit_bias_run[1]}"),
+        "windows_s": (base, "windows_s=[15]"),
+        "split": (base, "split=train"),
+        "against": (base, "against=reference"),
+    }
+    assert set(changes) | {"estimators"} == {f.name for f in fields(EvaluateConfig)}
+    usual = results(cli("lbgc.evaluate", base), tmp_path)
+    for field, options in changes.items():
+        assert results(cli("lbgc.evaluate", *options), tmp_path) != usual, field
+
+
+def test_every_log_field_changes_the_record_or_is_refused(tmp_path):
+    """What each field does is in test_logs; here: that none is forgotten."""
+    import test_logs
+
+    source = Path(test_logs.__file__).read_text()
+    named = {f.name for f in fields(LogConfig)} - {"name"}
+    assert {n for n in named if n not in source} == set()
+
+
+def test_a_log_of_ones_own(cli, tmp_path):
+    write(tmp_path / "log.csv", columns())
+    done = cli("lbgc.evaluate", *CSV, "log.heading_deg=41")
+    (ten, twenty) = results(done, tmp_path)["rows"]
+    assert (ten["windows"], twenty["windows"]) == (2, 1)
+    assert ten["rmse_deg"] == pytest.approx(1.0, abs=1e-6)
+    assert "a real log has no truth" in done.out
+    assert "against the <b>reference</b>" in (tmp_path / done.last_line).read_text()
+
+
+@pytest.mark.parametrize("name", ["nan", "gap", "backward", "missing", "g", "rad", "moving"])
+def test_bad_logs_end_with_two(cli, tmp_path, name):
+    write(tmp_path / "log.csv", spoiled(name))
+    done = cli("lbgc.evaluate", *CSV, "log.heading_deg=40", "log.accel_unit=m/s2")
+    assert done.code == 2
+    assert done.err.startswith("error: lo")
+    assert "Traceback" not in done.err
+    assert not list(tmp_path.glob("outputs/evaluate/*/results.json"))
+
+
+def test_a_log_shorter_than_the_shortest_window_is_refused(cli, tmp_path):
+    write(tmp_path / "log.csv", columns(90))
+    done = cli("lbgc.evaluate", *CSV, "log.heading_deg=40")
+    assert done.code == 2
+    assert "the longest recording = 9 s: is shorter than the shortest window, 10 s" in done.err
+
+
+def test_a_log_without_heading_cannot_be_scored(cli, tmp_path):
+    write(tmp_path / "log.csv", columns())
+    assert "give log.heading_deg" in cli("lbgc.evaluate", *CSV).err
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ((), "data or log = nothing: give one"),
+        (("data=a", *CSV), "data or log = both: give one"),
+        (("data=nonesuch",), "data = nonesuch: is no dataset"),
+        (("log=nonesuch",), "lasergyro"),
+        (("log=csv", "log.path=x"), "log.latitude"),
+        (("data=d.zarr", "run=nonesuch"), "run = nonesuch: is no finished training run"),
+        (("data=d.zarr", "estimators=[median]"), "estimators = median: choose from mean"),
+        (("data=d.zarr", "split=all"), "choose from train, validation, test"),
+        (("data=d.zarr", "against=gps"), "choose from truth, reference"),
+        (("data=d.zarr", "windows_s=[0]"), "windows_s = 0.0 s: must be greater than zero"),
+        (("data=d.zarr", "windows_s=[]"), "must name a length"),
+    ],
+)
+def test_bad_evaluation_input_is_named(cli, tmp_path, options, says):
+    done = cli("lbgc.evaluate", *options)
+    assert done.code == 2
+    assert says in done.err
+    assert "Traceback" not in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unfinished_dataset_is_refused_everywhere(cli, tmp_path):
+    from lbgc.data import store
+
+    store.create(tmp_path / "d.zarr", store.Layout(10, 40, 2.0, {}), {"a": 1}, {})
+    for module in ("lbgc.train", "lbgc.evaluate"):
+        done = cli(module, "data=d.zarr")
+        assert done.code == 2
+        assert "is not finished: 1 of 1 shards are missing" in done.err
+
+
+def test_a_model_is_not_given_a_rate_it_cannot_use(cli, tmp_path, unit_bias_run):
+    size = {"recordings": 10, "output": "means", "duration_s": 60.0, "split": [0, 0, 1]}
+    generate(tmp_path / "d.zarr", **size, mean_s=2.0)
+    done = cli("lbgc.evaluate", "data=d.zarr", f"run={unit_bias_run[1]}")
+    assert done.code == 2
+    assert "the data's rate = 0.5 Hz: must be a whole multiple of 0.2 Hz" in done.err
+
+
+@pytest.mark.parametrize("latitude", [90.0, -90.0])
+def test_at_the_pole_it_says_why_it_refuses(cli, tmp_path, latitude):
+    generate(tmp_path / "d.zarr", recordings=10, rate_hz=10.0, duration_s=20.0, latitude=latitude)
+    done = cli("lbgc.evaluate", "data=d.zarr")
+    assert done.code == 2
+    assert "Earth's rate has no horizontal part there and heading does not exist" in done.err
+
+
+@needs_recording("lasergyro.imu")
+def test_lasergyro_baseline_agrees_with_its_readme(cli, tmp_path):
+    """RMSE and median within 5% of the published table (whose figures have two digits)."""
+    windows = {10: (29.2, 2.1), 30: (21.8, 1.4), 60: (16.5, 2.0), 120: (8.0, 2.4), 300: (3.6, 2.3)}
+    done = cli("lbgc.evaluate", "log=lasergyro", f"windows_s={list(windows)}")
+    for row in results(done, tmp_path)["rows"]:
+        rmse, median = windows[row["window_s"]]
+        assert row["rmse_deg"] == pytest.approx(rmse, rel=0.05, abs=0.05)
+        assert row["median_deg"] == pytest.approx(median, rel=0.05, abs=0.05)
+
+
+def test_the_screens_table_lines_up(cli, tmp_path, dataset):
+    done = cli("lbgc.evaluate", f"data={dataset.path}", "windows_s=[10,60]")
+    lines = [line for line in done.out.splitlines() if line.startswith(("estimator", "--", "mean"))]
+    assert len({len(line) for line in lines}) == 1
+    assert len(lines) == 4

@@ -1,0 +1,336 @@
+"""The network, its loss, Algorithm 2's augmentation, and what a trained run can and cannot do."""
+
+import json
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from helpers import composed, default_config, generate
+
+import lbgc.train
+from lbgc.data.record import mock_record
+from lbgc.data.store import Dataset
+from lbgc.data.windows import Windows, cut, stack
+from lbgc.earth import earth_rate_ned
+from lbgc.errors import InputError
+from lbgc.estimators.static import mean
+from lbgc.frames import euler_to_matrix, rotation_z, wrap
+from lbgc.learning.augment import AugmentConfig, augment
+from lbgc.learning.estimator import Learned
+from lbgc.learning.loss import cyclic_error_deg, cyclic_mse, vector_mse
+from lbgc.learning.model import ModelConfig, features, make, parameter_count
+from lbgc.metrics import heading_errors
+from lbgc.train import TrainConfig
+
+PUBLISHED = ModelConfig("published", output="degrees", channels=["gyro"])
+NO_SENSOR = default_config("imu=ideal").imu.gyro.triad()
+SDC500 = default_config().imu.gyro.triad()
+
+
+@pytest.mark.parametrize(
+    ("layers", "hidden", "count"), [(1, 8, 850), (2, 16, 9122), (2, 24, 19826)]
+)
+def test_the_papers_architecture_has_so_many_parameters(layers, hidden, count):
+    """Not the published 9,265, 42,065 and 98,965; reports say that they differ."""
+    assert parameter_count(make(replace(PUBLISHED, layers=layers, hidden=hidden), 0)) == count
+
+
+def test_time_is_the_sequence_and_each_direction_has_its_own_layer():
+    """The summed output is linear in the two directions' final states: the forward one has read
+    the last sample last, the backward one the first."""
+    net = make(PUBLISHED, 0)
+    x = torch.randn(3, 12, 3, generator=torch.Generator().manual_seed(1))
+    y, _ = net.lstm(x)
+    hidden = net.config.hidden
+    expected = net.forward_head(y[:, -1, :hidden]) + net.backward_head(y[:, 0, hidden:])
+    torch.testing.assert_close(net(x), expected)
+    assert net(torch.randn(2, 48, 3)).shape == (2, 1)
+
+
+def test_initialisation_is_the_seeds_and_leaves_the_global_state_alone():
+    before = torch.random.get_rng_state()
+    a, b, c = (make(PUBLISHED, s).state_dict() for s in (1, 1, 2))
+    assert torch.equal(before, torch.random.get_rng_state())
+    assert all(torch.equal(a[k], b[k]) for k in a)
+    assert not all(torch.equal(a[k], c[k]) for k in a)
+
+
+def test_cyclic_mse_is_algorithm_1():
+    truth = torch.tensor([0.0, 359.0, 10.0, 90.0])
+    estimate = torch.tensor([1.0, 1.0, 725.0, -90.0])
+    errors = cyclic_error_deg(truth, estimate)
+    torch.testing.assert_close(errors.abs(), torch.tensor([1.0, 2.0, 5.0, 180.0]))
+    assert float(cyclic_mse(truth[:3], estimate[:3])) == pytest.approx(10.0, rel=1e-5)
+
+
+def test_vector_mse_is_the_squared_error_where_it_is_small():
+    truth, off = torch.tensor([30.0, 200.0]), math.radians(0.5)
+    estimate = torch.deg2rad(truth + 0.5)
+    sincos = torch.stack([torch.sin(estimate), torch.cos(estimate)], dim=-1)
+    assert float(vector_mse(truth, sincos)) == pytest.approx(off**2, rel=1e-3)
+
+
+def tilted(heading: float, bias: np.ndarray) -> Windows:
+    """A window of a tilted resting IMU with a body-frame bias."""
+    record = mock_record()
+    c_nb = euler_to_matrix(0.05, -0.08, heading)
+    gyro = earth_rate_ned(record.latitude) @ c_nb + bias
+    accel = np.linalg.norm(record.accel[0]) * np.array([0.0, 0.0, -1.0]) @ c_nb
+    both = {"heading": heading, "heading_reference": heading}
+    return cut(
+        replace(record, gyro=np.tile(gyro, (250, 1)), accel=np.tile(accel, (250, 1)), **both), 25.0
+    )
+
+
+def test_augmentation_gives_the_recording_that_would_have_been_made_there():
+    """Turned by d, tilt and body-frame bias included: the numbers of a recording at psi + d."""
+    bias = np.array([3e-6, -2e-6, 1e-6])
+    made = augment(AugmentConfig(), tilted(0.7, bias), NO_SENSOR, np.random.default_rng(3))
+    there = tilted(float(made.heading[0]), bias)
+    assert abs(made.heading[0] - 0.7) > 0.1
+    np.testing.assert_allclose(made.gyro, there.gyro, atol=1e-17)
+    np.testing.assert_array_equal(made.accel, there.accel)
+
+
+def test_the_papers_literal_form_turns_the_bias_too():
+    bias = np.array([3e-6, -2e-6, 1e-6])
+    config = AugmentConfig(form="literal")
+    made = augment(config, tilted(0.7, bias), NO_SENSOR, np.random.default_rng(3))
+    d = made.heading[0] - 0.7
+    original = tilted(0.7, bias)
+    np.testing.assert_allclose(made.gyro[0, 0], rotation_z(d).T @ original.gyro[0, 0], atol=1e-17)
+    level = mock_record()
+    turned = augment(config, cut(level, 25.0), NO_SENSOR, np.random.default_rng(3))
+    np.testing.assert_allclose(mean(turned), wrap(turned.heading), atol=1e-9)
+
+
+def test_every_copy_draws_its_own_noise_and_bias(rng):
+    """Two copies of one recording differ, by as much as the sensor's own noise and run bias say:
+    1,000 copies x 3 axes, 4.5 x 1/sqrt(6000) = 6%."""
+    windows = stack([mock_record()] * 1000, 0.2)
+    noisy = AugmentConfig(rotate=False, noise=1.0, run_bias=1.0)
+    made = augment(noisy, windows, SDC500, rng).gyro - windows.gyro
+    means = made.mean(axis=1)
+    assert len(np.unique(means[:, 0])) == 1000
+    rows = SDC500.sample_noise(rng, 1000, 5, 5.0).mean(axis=1)
+    expected = np.sqrt(rows.var(axis=0) + np.square(SDC500.bias_run))
+    np.testing.assert_allclose(means.std(axis=0), expected, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"rotate": False}, {"form": "literal"}, {"noise": 0.5}, {"run_bias": 0.5}],
+    ids=lambda c: next(iter(c)),
+)
+def test_every_augmentation_field_changes_the_copies(changed):
+    windows = stack([mock_record()] * 3, 0.2)
+    made = [
+        augment(c, windows, SDC500, np.random.default_rng(1)).gyro
+        for c in (AugmentConfig(), replace(AugmentConfig(), **changed))
+    ]
+    assert not np.array_equal(*made)
+    assert set(changed) < {f.name for f in fields(AugmentConfig)}
+
+
+def test_augmentation_leaves_the_originals_alone():
+    windows = stack([mock_record()], 0.2)
+    before = windows.gyro.copy()
+    augment(AugmentConfig(noise=1.0), windows, SDC500, np.random.default_rng(1))
+    np.testing.assert_array_equal(windows.gyro, before)
+
+
+def test_a_prediction_is_a_function_of_its_own_window_alone(unit_bias_run):
+    """The batch around it permuted, shortened and extended: float32 arithmetic may regroup, so to
+    1e-4 degrees, where windows differ by tens of degrees."""
+    dataset, run = unit_bias_run
+    learned = Learned.load(run)
+    windows = stack(list(dataset.records(dataset.in_split("test")[:40])), 0.2)
+    together = np.rad2deg(learned(windows))
+    order = np.random.default_rng(0).permutation(40)
+
+    def rows(pick) -> Windows:
+        arrays = {
+            f.name: v[pick] if isinstance(v := getattr(windows, f.name), np.ndarray) else v
+            for f in fields(Windows)
+        }
+        return Windows(**arrays)
+
+    np.testing.assert_allclose(np.rad2deg(learned(rows(order))), together[order], atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(learned(rows(slice(3)))), together[:3], atol=1e-4)
+    alone = [float(np.rad2deg(learned(rows(slice(i, i + 1))))[0]) for i in range(40)]
+    np.testing.assert_allclose(alone, together, atol=1e-4)
+
+
+def rmse_deg(estimate, dataset: Dataset, window_s: float) -> float:
+    errors = [
+        heading_errors(estimate(w), w.heading)
+        for w in (cut(r, window_s) for r in dataset.records(dataset.in_split("test")))
+    ]
+    return float(np.rad2deg(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
+
+
+def test_a_repeatable_bias_is_learned(unit_bias_run):
+    """One unit whose whole bias is its own, held-out recordings, 60 s windows: the learned RMSE is
+    at most half of the baseline's."""
+    dataset, run = unit_bias_run
+    assert rmse_deg(Learned.load(run), dataset, 60.0) <= 0.5 * rmse_deg(mean, dataset, 60.0)
+
+
+def test_without_gyro_and_accelerometer_the_plate_tells_nothing(unit_bias_run):
+    """Zeros for both: RMSE at chance, 104 degrees for errors uniform on the circle; the network's
+    one answer against n headings round the circle."""
+    dataset, run = unit_bias_run
+    windows = stack(list(dataset.records(dataset.in_split("test"))), 0.2)
+    blind = replace(windows, gyro=0 * windows.gyro, accel=0 * windows.accel)
+    errors = heading_errors(Learned.load(run)(blind), windows.heading)
+    assert np.rad2deg(np.sqrt(np.mean(errors**2))) == pytest.approx(180 / np.sqrt(3), rel=0.1)
+
+
+def test_training_on_the_plate_alone_stays_at_chance(tmp_path, monkeypatch, unit_bias_run):
+    monkeypatch.chdir(tmp_path)
+    options = ("model.channels=[plate]", "steps=100", "validate_every=100", "augment.rotate=false")
+    config = composed(TrainConfig, "train", f"data={unit_bias_run[0].path}", *options)
+    run = lbgc.train.main(config)
+    assert json.loads((run / "model.json").read_text())["best_validation_deg"] > 90
+
+
+@pytest.mark.parametrize(
+    ("record", "says"),
+    [
+        (mock_record(rate_hz=0.3), "must be a whole multiple of 0.2 Hz"),
+        (mock_record(rate_hz=0.1), "must be a whole multiple of 0.2 Hz"),
+        (mock_record(gyro=np.full((250, 3), np.nan)), "not finite"),
+    ],
+)
+def test_what_a_model_cannot_use_is_refused(unit_bias_run, record, says):
+    learned = Learned.load(unit_bias_run[1])
+    with pytest.raises(InputError, match=says):
+        learned(cut(record, 20.0))
+
+
+def test_windows_shorter_than_trained_for_are_refused(unit_bias_run):
+    with pytest.raises(InputError, match="shorter than the 10 s"):
+        Learned.load(unit_bias_run[1])(cut(mock_record(), 5.0))
+
+
+def test_a_damaged_or_foreign_run_is_refused(tmp_path, unit_bias_run):
+    with pytest.raises(InputError, match="is no finished training run"):
+        Learned.load(tmp_path)
+    for name in ("model.json", "model.safetensors"):
+        (tmp_path / name).write_bytes((unit_bias_run[1] / name).read_bytes()[:-200])
+        other = "model.safetensors" if name == "model.json" else "model.json"
+        (tmp_path / other).write_bytes((unit_bias_run[1] / other).read_bytes())
+        with pytest.raises(InputError, match="holds a damaged model"):
+            Learned.load(tmp_path)
+    said = json.loads((unit_bias_run[1] / "model.json").read_text())
+    (tmp_path / "model.json").write_text(json.dumps(said | {"model": {"hidden": 8}}))
+    with pytest.raises(InputError, match="holds a damaged model"):
+        Learned.load(tmp_path)
+
+
+def test_a_run_leaves_what_it_promises(unit_bias_run):
+    run = unit_bias_run[1]
+    names = {"history.csv", "loss.png", "model.json", "model.safetensors"}
+    assert {p.name for p in run.iterdir()} == names
+    said = json.loads((run / "model.json").read_text())
+    assert said["parameters"] == 20836
+    header, *rows = (run / "history.csv").read_text().splitlines()
+    assert "validation_60s_deg" in header.split(",")
+    assert len(rows) == 6
+
+
+def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
+    """And another seed, or any other field, another."""
+    path = unit_bias_run[0].path
+
+    def weights(home: str, *options: str) -> bytes:
+        (tmp_path / home).mkdir()
+        monkeypatch.chdir(tmp_path / home)
+        run = lbgc.train.main(
+            composed(TrainConfig, "train", f"data={path}", "steps=4", "validate_every=2", *options)
+        )
+        return (run / "model.safetensors").read_bytes()
+
+    usual = weights("usual")
+    assert weights("again") == usual
+    changes = {
+        "data": None,  # another dataset: below
+        "mean_s": "mean_s=10",
+        "windows_s": "windows_s=[60]",
+        "steps": "steps=6",
+        "batch": "batch=50",
+        "learning_rate": "learning_rate=0.002",
+        "clip": "clip=0.01",
+        "validate_every": "validate_every=1",
+        "seed": "seed=2",
+        "model": "model.hidden=8",
+        "augment": "augment.rotate=false",
+    }
+    assert set(changes) == {f.name for f in fields(TrainConfig)}
+    for field, option in changes.items():
+        if field == "validate_every":  # which checkpoint is kept may or may not change
+            continue
+        if option is not None:
+            assert weights(field, option) != usual, field
+    path = generate(tmp_path / "other.zarr", recordings=20, output="means", seed=5).path
+    assert weights("data") != usual
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"layers": 1}, {"hidden": 8}, {"output": "degrees"}, {"channels": ["gyro"]}],
+    ids=lambda c: next(iter(c)),
+)
+def test_every_model_field_changes_the_network(changed):
+    """`name` is what tables call it; see the report's test."""
+    usual, other = make(ModelConfig(), 0), make(replace(ModelConfig(), **changed), 0)
+    shapes = [{k: v.shape for k, v in net.state_dict().items()} for net in (usual, other)]
+    assert shapes[0] != shapes[1]
+
+
+def test_features_are_normalised_by_physics():
+    x = features(ModelConfig(), cut(mock_record(), 25.0))
+    assert x.shape == (1, 250, 8)
+    assert np.linalg.norm(x[0, 0, :3]) == pytest.approx(1.0)
+    assert x[0, 0, 5] == pytest.approx(-1.0, abs=2e-3)
+    np.testing.assert_array_equal(x[0, 0, 6:], [1.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ((), "data = None: must be a dataset's path"),
+        (("data=nonesuch",), "data = nonesuch: is no dataset"),
+        (("data=x", "windows_s=[5]"), "windows_s = 5.0 s: must be 10 s or more"),
+        (("data=x", "windows_s=[12]"), "in whole means of 5 s"),
+        (("data=x", "windows_s=[]"), "must name a length"),
+        (("data=x", "steps=0"), "steps = 0: must be greater than zero"),
+        (("data=x", "model=transformer"), "bilstm_16"),
+        (("data=x", "model.output=radians"), "choose from sincos, degrees"),
+        (("data=x", "model.channels=[magnetometer]"), "choose from gyro, accel, plate"),
+        (("data=x", "augment.form=wrong"), "choose from earth, literal"),
+        (("data=x", "learning_rate=nan"), "learning_rate = nan: must be a finite number"),
+    ],
+)
+def test_bad_training_input_is_named(cli, tmp_path, options, says):
+    done = cli("lbgc.train", *options)
+    assert done.code == 2
+    assert says in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unsuitable_datasets_are_refused(cli, tmp_path):
+    size = {"recordings": 20, "output": "means", "duration_s": 20.0, "mean_s": 2.0}
+    generate(tmp_path / "two.zarr", **size)
+    done = cli("lbgc.train", "data=two.zarr")
+    assert done.code == 2
+    assert "must be a whole multiple of the 0.2 Hz" in done.err
+    generate(tmp_path / "none.zarr", **(size | {"mean_s": 5.0}), split=[0, 0, 1])
+    assert "has no recordings in its train split" in cli("lbgc.train", "data=none.zarr").err
+    generate(tmp_path / "pole.zarr", **(size | {"mean_s": 5.0}), latitude=-90.0)
+    assert "was generated at a pole" in cli("lbgc.train", "data=pole.zarr").err
+    generate(tmp_path / "short.zarr", **(size | {"mean_s": 5.0}))
+    done = cli("lbgc.train", "data=short.zarr", "windows_s=[60]")
+    assert "none fits recordings of 20 s" in done.err

@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from lbgc.data.record import block_means, mock_record, whole_multiple
+from lbgc.data.windows import at_rate, cut, stack
+from lbgc.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("rate", "target", "whole"),
+    [
+        (600, 0.2, 3000),
+        (100, 0.2, 500),
+        (0.2, 0.2, 1),
+        (1, 0.2, 5),
+        (0.5, 0.2, None),
+        (0.1, 0.2, None),
+    ],
+)
+def test_whole_multiples(rate, target, whole):
+    assert whole_multiple(rate, target) == whole
+
+
+def test_a_record_of_the_wrong_shape_is_refused():
+    with pytest.raises(InputError, match=r"gyro's shape"):
+        mock_record(gyro=np.zeros((5, 2)))
+
+
+def test_block_means_average_and_cut_the_rest(rng):
+    record = mock_record(gyro=rng.standard_normal((250, 3)))
+    means = block_means(record, 0.4)  # blocks of 25 samples
+    np.testing.assert_allclose(means.gyro[3], record.gyro[75:100].mean(axis=0))
+    assert (len(means.gyro), means.rate_hz) == (10, 0.4)
+    assert len(block_means(record, 0.3333333333333).gyro) == 8
+    with pytest.raises(InputError, match="10 Hz: must be a whole multiple of the 3 Hz"):
+        block_means(record, 3.0)
+
+
+def test_windows_are_consecutive_and_know_where_they_start(rng):
+    record = mock_record(gyro=rng.standard_normal((250, 3)))
+    windows = cut(record, 10.0)
+    assert windows.gyro.shape == (2, 100, 3)
+    np.testing.assert_array_equal(windows.gyro[1], record.gyro[100:200])
+    np.testing.assert_array_equal(windows.start_s, [0.0, 10.0])
+    assert len(cut(record, 30.0)) == 0
+    with pytest.raises(InputError, match=r"windows_s = 10.05 s: must be whole samples of 0.1 s"):
+        cut(record, 10.05)
+
+
+def test_unknown_headings_are_nan():
+    windows = cut(mock_record(heading=None, heading_reference=None), 10.0)
+    assert np.isnan(windows.heading).all()
+    assert np.isnan(windows.heading_reference).all()
+
+
+def test_windows_at_a_lower_rate(rng):
+    record = mock_record(gyro=rng.standard_normal((250, 3)))
+    low = at_rate(cut(record, 10.0), 0.2)
+    np.testing.assert_allclose(low.gyro[1, 1], record.gyro[150:200].mean(axis=0))
+    with pytest.raises(InputError, match=r"whole multiple of 0.3 Hz"):
+        at_rate(cut(record, 10.0), 0.3)
+    with pytest.raises(InputError, match="whole blocks of 5 s"):
+        at_rate(cut(record, 12.0), 0.2)
+
+
+def test_stacked_recordings_are_a_training_set():
+    windows = stack([mock_record(), mock_record(heading=1.0)], 0.2)
+    assert windows.gyro.shape == (2, 5, 3)
+    np.testing.assert_allclose(windows.heading, [np.deg2rad(40), 1.0])
