@@ -11,7 +11,7 @@ ifneq ($(LBGC_REAL_LOGS),)
 export LBGC_REAL_LOGS
 endif
 
-.PHONY: help install demo test check format picture clean
+.PHONY: help install demo test check format bench study picture clean
 
 help:
 	@echo "make demo      generate, train, evaluate, report (after the install: two minutes)"
@@ -19,6 +19,8 @@ help:
 	@echo "make check     lint, formatting and types"
 	@echo "make format    put the code into the house style"
 	@echo "make picture   draw docs/turntable.png, the README's picture, anew"
+	@echo "make bench     speed against the machine's limits, to outputs/bench/"
+	@echo "make study     every study, to outputs/studies/; make study-NAME: one ($(STUDIES))"
 	@echo "make install   only the environment, in $(VENV)"
 
 install: $(STAMP)
@@ -54,6 +56,16 @@ test: check
 format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+bench: $(STAMP)
+	PYTHONPATH=tests:tests/studies $(BIN)/python tests/bench/bench.py
+
+STUDIES := $(filter-out common,$(basename $(notdir $(wildcard tests/studies/*.py))))
+
+study: $(addprefix study-,$(STUDIES))
+
+study-%: $(STAMP)
+	PYTHONPATH=tests:tests/studies $(BIN)/python tests/studies/$*.py
 
 picture: $(STAMP)
 	$(BIN)/python sim/scene.py out=docs/turntable.png

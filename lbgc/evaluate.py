@@ -61,10 +61,13 @@ class EvaluateConfig:
 def main(config: EvaluateConfig) -> Path:
     """Evaluate, write results.json and report.html, print the table; return the report's path."""
     estimators: dict[str, Estimator] = {name: CLASSICAL[name] for name in config.estimators}
-    if config.run is not None:
-        learned = Learned.load(config.run)
-        estimators[learned.name] = learned
+    learned = None if config.run is None else Learned.load(config.run)
     subject, records, count = _subject(config)
+    if learned is not None:
+        estimators[learned.name] = learned
+        subject.notes.append(
+            f"{learned.name} was trained on simulated recordings of {learned.sensor}"
+        )
     result = _evaluate(config, estimators, subject, records, count)
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)

@@ -26,9 +26,9 @@ class AugmentConfig:
     """Turn each copy to a heading drawn from the whole circle."""
     form: str = "earth"
     """earth: turn Earth's rate only. literal: turn the gyro's reading, errors and all."""
-    noise: float = 0.0
+    noise: float = 1.0
     """Fresh in-run noise added to each copy, as a share of the sensor's own (1 sigma)."""
-    run_bias: float = 0.0
+    run_bias: float = 1.0
     """Fresh run bias added to each copy, as a share of the sensor's own (1 sigma)."""
 
     def __post_init__(self) -> None:
