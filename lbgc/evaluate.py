@@ -22,7 +22,7 @@ from lbgc.errors import InputError, require, require_choice, require_positive, r
 from lbgc.estimators import CLASSICAL, Estimator
 from lbgc.learning.estimator import Learned
 from lbgc.metrics import heading_errors, summarise
-from lbgc.outputs import fingerprint, task_directory, write_atomically
+from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 
 
@@ -75,7 +75,9 @@ def main(config: EvaluateConfig) -> Path:
     for line in result.notes:
         print(line)
     print(table(result))
-    return write_page(directory / "report.html", result, config.run)
+    page = write_page(directory / "report.html", result, config.run)
+    mark_latest(directory)
+    return page
 
 
 def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Record], int]:

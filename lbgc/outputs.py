@@ -14,15 +14,18 @@ def fingerprint(configuration: Mapping) -> str:
 
 
 def task_directory(task: str, identity: str) -> Path:
-    """outputs/<task>/<identity>, made, and `latest` beside it pointing there."""
+    """outputs/<task>/<identity>, made."""
     directory = Path("outputs") / task / identity
     directory.mkdir(parents=True, exist_ok=True)
-    link = directory.with_name("latest")
+    return directory
+
+
+def mark_latest(directory: Path) -> None:
+    """Let `latest` beside a task's directory point to it: what is in it is finished."""
     new = directory.with_name(f".latest-{os.getpid()}")
     new.unlink(missing_ok=True)
-    new.symlink_to(identity)
-    new.replace(link)
-    return directory
+    new.symlink_to(directory.name)
+    new.replace(directory.with_name("latest"))
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:

@@ -24,7 +24,7 @@ from lbgc.learning import loss
 from lbgc.learning.augment import AugmentConfig, augment
 from lbgc.learning.estimator import DESCRIPTION, FORMAT, SHORTEST_WINDOW_S, WEIGHTS
 from lbgc.learning.model import HeadingNet, ModelConfig, features, make, parameter_count
-from lbgc.outputs import fingerprint, task_directory, write_atomically
+from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.figures import loss_curve
 from lbgc.sensor import streams
 from lbgc.sensor.imu import ImuConfig, Triad
@@ -81,6 +81,7 @@ def main(config: TrainConfig) -> Path:
     run = task_directory("train", fingerprint(content))
     if (run / DESCRIPTION).exists():
         print("this run is already finished")
+        mark_latest(run)
         return run
     train, validation = (_load(dataset, split, config) for split in ("train", "validation"))
     longest = train.duration_s
@@ -93,6 +94,7 @@ def main(config: TrainConfig) -> Path:
     started = time.perf_counter()
     best = trainer.run()
     _save(run, config, dataset, trainer, best, time.perf_counter() - started)
+    mark_latest(run)
     return run
 
 

@@ -19,7 +19,7 @@ from lbgc.data.record import whole_multiple
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require, require_choice, require_positive, run_main
 from lbgc.frames import wrap
-from lbgc.outputs import fingerprint, task_directory
+from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor import streams
 from lbgc.sensor.imu import ImuConfig, Triad, TriadErrors
@@ -159,6 +159,8 @@ def main(config: GenerateConfig) -> Path:
                 bar.update()
             dataset.write_shard(shard, {n: np.stack([r[n] for r in rows]) for n in rows[0]})
     _illustrate(dataset.path, config.scene)
+    if config.out is None:
+        mark_latest(dataset.path.parent)
     return dataset.path
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lbgc.sensor import noise
+from lbgc.sensor import gaussian, noise
 from lbgc.sensor.noise import Flicker, RandomWalk, Sinusoid, White
 
 # Coefficients such that every term matters at its own averaging times.
@@ -31,7 +31,7 @@ def test_drawn_allan_variance_is_the_formula(terms, rate, rng):
     """200 draws, octave taus from dt to T/4: z from the draws' own spread. Over the 12 cases there
     are 132 values of z; the worst of so many normals is beyond 4.5 once in a thousand such runs."""
     n = 4096
-    y = noise.sample(terms, rng, (200, n), 1 / rate)
+    y = gaussian.sample(terms, rng, (200, n), 1 / rate)
     assert y.dtype == np.float32
     z = []
     for m in 2 ** np.arange(11):
@@ -46,15 +46,15 @@ def test_covariance_of_means_is_that_of_averaged_samples(terms):
     """Exactly: averaging the covariance of samples gives the covariance of block means."""
     n, block, dt = 12, 5, 0.13
     average = np.kron(np.eye(n), np.ones((1, block)) / block)
-    fine = average @ noise.covariance_of_means(terms, n * block, dt) @ average.T
-    np.testing.assert_allclose(noise.covariance_of_means(terms, n, dt, block), fine, rtol=1e-11)
+    fine = average @ gaussian.covariance_of_means(terms, n * block, dt) @ average.T
+    np.testing.assert_allclose(gaussian.covariance_of_means(terms, n, dt, block), fine, rtol=1e-11)
 
 
 @every_term
 def test_allan_variance_follows_from_the_covariance(terms):
     tau = 0.7
     difference = np.array([-1.0, 1.0])
-    covariance = noise.covariance_of_means(terms, 2, tau)
+    covariance = gaussian.covariance_of_means(terms, 2, tau)
     expected = difference @ covariance @ difference / 2
     np.testing.assert_allclose(noise.allan_variance(terms, np.array(tau)), expected, rtol=1e-9)
 
@@ -76,7 +76,7 @@ def test_allan_variance_follows_from_the_psd(term, tau):
 def test_blocks_join_with_the_exact_covariance(terms):
     """Two blocks of the sampler's own factor, multiplied out, are covariance_of_means."""
     size, dt = 16, 0.31
-    f = noise._block_factor(terms, dt, size)
+    f = gaussian._block_factor(terms, dt, size)
     start = f.start @ f.start.T
     L = f.L.astype(float)
     end = f.F @ start @ f.F.T + f.G @ f.G.T + f.W @ f.W.T
@@ -84,7 +84,7 @@ def test_blocks_join_with_the_exact_covariance(terms):
     second = f.O @ end @ f.O.T + L @ L.T
     across = (f.O @ start @ f.F.T + L @ f.G.T) @ f.O.T
     joined = np.block([[first, across], [across.T, second]])
-    expected = noise.covariance_of_means(terms, 2 * size, dt)
+    expected = gaussian.covariance_of_means(terms, 2 * size, dt)
     np.testing.assert_allclose(joined, expected, atol=1e-6 * expected.max())
 
 
@@ -94,10 +94,10 @@ def test_drawn_series_have_the_covariance_across_blocks(terms, rng):
     borders) and of their differences, from 4,000 draws: relative sd sqrt(2/4000) = 2.2%, 4.5 of
     them allowed."""
     n, dt, draws = 300, 0.02, 4000
-    y = noise.sample(terms, rng, (draws, n), dt).astype(float)
+    y = gaussian.sample(terms, rng, (draws, n), dt).astype(float)
     thirds = np.kron(np.eye(3), np.full((1, 100), 0.01))
     looks = np.vstack([np.eye(3), [[-1, 1, 0], [0, -1, 1], [-1, 0, 1]]]) @ thirds
-    expected = np.diag(looks @ noise.covariance_of_means(terms, n, dt) @ looks.T)
+    expected = np.diag(looks @ gaussian.covariance_of_means(terms, n, dt) @ looks.T)
     drawn = np.mean((y @ looks.T) ** 2, axis=0)
     np.testing.assert_allclose(drawn, expected, rtol=4.5 * np.sqrt(2 / draws))
 
@@ -105,10 +105,10 @@ def test_drawn_series_have_the_covariance_across_blocks(terms, rng):
 def test_sample_means_has_the_law_of_averaged_samples(rng):
     """Both drawn; covariances compared elementwise against their sampling error."""
     terms, draws, n, block, dt = TERMS["their sum"], 4000, 6, 20, 0.05
-    fine = noise.sample(terms, rng, (draws, n * block), dt).astype(float)
+    fine = gaussian.sample(terms, rng, (draws, n * block), dt).astype(float)
     averaged = fine.reshape(draws, n, block).mean(axis=-1)
-    direct = noise.sample_means(terms, rng, (draws, n), dt, block).astype(float)
-    expected = noise.covariance_of_means(terms, n, dt, block)
+    direct = gaussian.sample_means(terms, rng, (draws, n), dt, block).astype(float)
+    expected = gaussian.covariance_of_means(terms, n, dt, block)
     spread = np.sqrt((expected**2 + np.outer(np.diag(expected), np.diag(expected))) / draws)
     for drawn in (averaged, direct):
         z = (drawn.T @ drawn / draws - expected) / spread
@@ -130,7 +130,9 @@ def test_flicker_floor_is_flat_between_its_corners():
 def test_flicker_is_the_same_process_at_every_rate():
     """Its Allan variance at one tau does not know the sample rate."""
     terms = (Flicker(1.0),)
-    by_rate = [noise.covariance_of_means(terms, 2, 1 / rate, 4 * rate) for rate in (10, 100, 600)]
+    by_rate = [
+        gaussian.covariance_of_means(terms, 2, 1 / rate, 4 * rate) for rate in (10, 100, 600)
+    ]
     np.testing.assert_allclose(by_rate[1], by_rate[0], rtol=1e-9)
     np.testing.assert_allclose(by_rate[2], by_rate[0], rtol=1e-9)
 
@@ -149,7 +151,7 @@ def test_slow_terms_survive_under_fast_ones(rng):
     though the samples are float32."""
     white, n, dt = White(1.0), 20_000, 1 / 600
     walk = RandomWalk(0.3)
-    with_walk = noise.sample((white, walk), rng, (400, n), dt)
+    with_walk = gaussian.sample((white, walk), rng, (400, n), dt)
     end = with_walk[:, -2000:].astype(float).mean(axis=1)
     m = 2000 * dt
     expected = white.N**2 / m + walk.K**2 * (n * dt - m + m / 3)
@@ -177,7 +179,7 @@ def test_each_term_alone_is_the_modules_sum_of_one(rng):
     again = np.random.Generator(np.random.SFC64(3))
     term = Flicker(1.0)
     alone = term.sample_means(np.random.Generator(np.random.SFC64(3)), (2, 40), 0.1, 5)
-    np.testing.assert_array_equal(alone, noise.sample((term,), again, (2, 40), 0.5))
+    np.testing.assert_array_equal(alone, gaussian.sample((term,), again, (2, 40), 0.5))
     np.testing.assert_array_equal(
-        term.covariance_of_means(4, 0.1), noise.covariance_of_means((term,), 4, 0.1)
+        term.covariance_of_means(4, 0.1), gaussian.covariance_of_means((term,), 4, 0.1)
     )

@@ -15,7 +15,7 @@ import numpy as np
 
 from lbgc import units
 from lbgc.errors import Axes, InputError, require, require_not_negative, require_positive
-from lbgc.sensor import noise
+from lbgc.sensor import gaussian, noise
 
 Triple = tuple[float, float, float]
 
@@ -220,7 +220,7 @@ class Triad:
     """The configured names of `lsb` and `range`, for messages."""
 
     @cached_property
-    def terms(self) -> tuple[noise.Gaussians, ...]:
+    def terms(self) -> tuple[gaussian.Gaussians, ...]:
         """The in-run Gaussian terms of each axis; a coefficient of zero is no term."""
         return tuple(
             tuple(
@@ -271,7 +271,7 @@ class Triad:
         self, rng: np.random.Generator, count: int, n: int, interval: float
     ) -> np.ndarray:
         """The Gaussian in-run noise alone, of interval means: float32 (count, n, 3)."""
-        axes = [noise.sample(terms, rng, (count, n), interval) for terms in self.terms]
+        axes = [gaussian.sample(terms, rng, (count, n), interval) for terms in self.terms]
         return np.stack(axes, axis=-1)
 
     def measure(
@@ -314,7 +314,7 @@ class Triad:
         constant = (np.eye(3) + errors.matrix) @ truth + errors.bias[:, None]
         signal = np.empty((3, n), np.float32)
         for axis, terms in enumerate(self.terms):
-            signal[axis] = noise.sample(terms, rng, (n,), dt)
+            signal[axis] = gaussian.sample(terms, rng, (n,), dt)
             if self.tone[axis] > 0:
                 tone = noise.Sinusoid(self.tone[axis], self.tone_hz)
                 signal[axis] += tone.at_phase(errors.tone_phase[axis], n, dt)

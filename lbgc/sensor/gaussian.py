@@ -1,0 +1,195 @@
+"""Gaussian terms and the one engine that draws them, exactly, at any sample interval.
+
+A sample is the mean of a continuous-time process w over its interval (t_k - h, t_k]. A term states
+itself once, as a linear state-space model of such interval means,
+
+    x[k+1] = A x[k] + u[k],    y[k] = C x[k] + v[k],    cov(u, v) = [[Q, S], [S', R]],
+
+with x the process's state at the interval's start. Drawing, the covariance of block means and the
+law at a lower rate all follow from it.
+
+Because a mean over m samples is the process's mean over an interval of m h, block means of
+``sample(dt)`` have exactly the law of ``sample(m dt)``: `sample_means` draws just that.
+
+How a path is drawn, exactly and with one normal a sample: time is cut into blocks. Given the state
+x at a block's start, the block's means are ``y = O x + L e`` with e standard normal and L the
+lower-triangular (innovations) factor of their covariance, which a Kalman filter started from a
+known state delivers row by row. The state at the block's end given y is ``F x + G e + W w`` with a
+few more normals w. O, L, F, G, W are the same for every block; nothing is interpolated.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+
+BLOCK = 128
+"""Samples drawn from one factor. Changing it changes every dataset's bytes: a new schema number."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeansModel:
+    """The state-space model of interval means (see the module): A (p, p), C (p,), Q (p, p), S (p,),
+    R, and P0 (p, p), the covariance of the state at the recording's start (its mean is zero)."""
+
+    A: np.ndarray
+    C: np.ndarray
+    Q: np.ndarray
+    S: np.ndarray
+    R: float
+    P0: np.ndarray
+
+
+class GaussianTerm:
+    """A Gaussian stochastic term. Its model of interval means gives it three of its faces; the
+    Allan variance and the PSD are each term's own closed forms."""
+
+    def means_model(self, interval: float) -> MeansModel:
+        """The term's means over intervals of this length (s)."""
+        raise NotImplementedError
+
+    def sample(self, rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> np.ndarray:
+        """This term alone; see the module's `sample`."""
+        return sample((self,), rng, shape, dt)
+
+    def sample_means(
+        self, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
+    ) -> np.ndarray:
+        """This term alone; see the module's `sample_means`."""
+        return sample_means((self,), rng, shape, dt, block)
+
+    def covariance_of_means(self, n: int, dt: float, block: int = 1) -> np.ndarray:
+        """This term alone; see the module's `covariance_of_means`."""
+        return covariance_of_means((self,), n, dt, block)
+
+
+Gaussians: TypeAlias = tuple[GaussianTerm, ...]
+
+
+def sample(
+    terms: Gaussians, rng: np.random.Generator, shape: tuple[int, ...], dt: float
+) -> np.ndarray:
+    """Draw the sum of Gaussian terms, with the exact joint law of its samples.
+
+    shape : (*S, n), independent series and the samples of each; dt : s.
+    Returns float32 (*S, n), in the terms' unit. The slow parts are carried in float64.
+    """
+    *series, n = shape
+    count = int(np.prod(series))
+    if not terms:
+        return np.zeros(shape, np.float32)
+    factor = _block_factor(terms, dt, min(BLOCK, n))
+    blocks = -(-n // factor.size)
+    states = len(factor.start)
+    x = rng.standard_normal((count, states)) @ factor.start.T
+    w = rng.standard_normal((blocks, count, states)) @ factor.W.T
+    e = rng.standard_normal((blocks, count, factor.size), dtype=np.float32)
+    steps = w + e @ factor.G.T
+    starts = np.empty((blocks, count, states))
+    for b in range(blocks):
+        starts[b] = x
+        x = x @ factor.F.T + steps[b]
+    y = e @ factor.L.T
+    y += (starts @ factor.O.T).astype(np.float32)
+    path = y.transpose(1, 0, 2).reshape(count, blocks * factor.size)[:, :n]
+    return path.reshape(shape)
+
+
+def sample_means(
+    terms: Gaussians, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
+) -> np.ndarray:
+    """Draw means over blocks of `block` samples with exactly the law of averaging `sample`.
+
+    shape : (*S, n), n means each; dt : s, the samples' interval. Returns float32 (*S, n).
+    """
+    return sample(terms, rng, shape, dt * block)
+
+
+def covariance_of_means(terms: Gaussians, n: int, dt: float, block: int = 1) -> np.ndarray:
+    """Covariance of n consecutive means over `block` samples each, from the recording's start.
+
+    Returns (n, n), unit^2: cov(y_j, y_k) = C A^(k-j-1) (A P_j C' + S) for j < k, with P_j the
+    covariance of the state at the start of block j.
+    """
+    model = _sum_model(terms, dt * block)
+    covariance = np.zeros((n, n))
+    P = model.P0
+    for j in range(n):
+        covariance[j, j] = model.C @ P @ model.C + model.R
+        toward = model.A @ P @ model.C + model.S
+        for k in range(j + 1, n):
+            covariance[j, k] = covariance[k, j] = model.C @ toward
+            toward = model.A @ toward
+        P = model.A @ P @ model.A.T + model.Q
+    return covariance
+
+
+def _sum_model(terms: Gaussians, interval: float) -> MeansModel:
+    """The model of a sum of independent terms: their states side by side."""
+    parts = [term.means_model(interval) for term in terms]
+    return MeansModel(
+        _block_diagonal([m.A for m in parts]),
+        np.concatenate([m.C for m in parts]),
+        _block_diagonal([m.Q for m in parts]),
+        np.concatenate([m.S for m in parts]),
+        sum(m.R for m in parts),
+        _block_diagonal([m.P0 for m in parts]),
+    )
+
+
+def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
+    size = sum(len(b) for b in blocks)
+    out, at = np.zeros((size, size)), 0
+    for b in blocks:
+        out[at : at + len(b), at : at + len(b)] = b
+        at += len(b)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _BlockFactor:
+    """y = O x + L e and x_end = F x + G e + W w for one block (see the module)."""
+
+    O: np.ndarray  # (M, p)  # noqa: E741
+    L: np.ndarray  # (M, M), float32
+    F: np.ndarray  # (p, p)
+    G: np.ndarray  # (p, M)
+    W: np.ndarray  # (p, p)
+    start: np.ndarray  # (p, p), square root of P0
+
+    @property
+    def size(self) -> int:
+        return len(self.L)
+
+
+@lru_cache(maxsize=64)
+def _block_factor(terms: Gaussians, interval: float, size: int) -> _BlockFactor:
+    """Run the Kalman filter of the interval means over one block from a known state (P = 0).
+
+    Each innovation's standard deviation is L's diagonal; its effect on later means, through the
+    filter's state, is the column below. O is the mean's response to the state at the start.
+    """
+    m = _sum_model(terms, interval)
+    p = len(m.C)
+    O, L = np.zeros((size, p)), np.zeros((size, size))  # noqa: E741
+    response = np.zeros((p, size))  # of the predicted state to each innovation so far
+    P, F = np.zeros((p, p)), np.eye(p)
+    for k in range(size):
+        O[k] = m.C @ F
+        L[k] = m.C @ response
+        variance = m.C @ P @ m.C + m.R
+        L[k, k] = np.sqrt(variance)
+        gain = (m.A @ P @ m.C + m.S) / variance if variance > 0 else np.zeros(p)
+        response = m.A @ response
+        response[:, k] = gain * L[k, k]
+        P = m.A @ P @ m.A.T + m.Q - np.outer(gain, gain) * variance
+        P = (P + P.T) / 2
+        F = m.A @ F
+    return _BlockFactor(O, L.astype(np.float32), F, response, _square_root(P), _square_root(m.P0))
+
+
+def _square_root(covariance: np.ndarray) -> np.ndarray:
+    """A matrix W with W W' = covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.clip(values, 0, None))
