@@ -4,14 +4,28 @@ import numpy as np
 import pytest
 
 from lbgc.sensor import gaussian, noise
-from lbgc.sensor.noise import Flicker, RandomWalk, Sinusoid, White
+from lbgc.sensor.noise import (
+    AngleQuantisation,
+    BandLimited,
+    Flicker,
+    GaussMarkov,
+    Line,
+    Ramp,
+    RandomWalk,
+    Sinusoid,
+    White,
+)
 
 # Coefficients such that every term matters at its own averaging times.
 TERMS = {
     "white": (White(1.3),),
     "flicker": (Flicker(0.7, 1.0, 200.0),),
     "random walk": (RandomWalk(0.2),),
-    "their sum": (White(0.5), Flicker(0.7, 1.0, 200.0), RandomWalk(0.05)),
+    "Gauss-Markov": (GaussMarkov(0.8, 2.0),),
+    "line": (Line(1.5, 2.2, 0.3),),
+    "band-limited white": (BandLimited(0.4, 3.0),),
+    "angle quantisation": (AngleQuantisation(0.02),),
+    "a sum": (White(0.5), Flicker(0.7, 1.0, 200.0), RandomWalk(0.05)),
 }
 TONE = Sinusoid(2.0, 3.3)
 every_term = pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
@@ -59,15 +73,27 @@ def test_allan_variance_follows_from_the_covariance(terms):
     np.testing.assert_allclose(noise.allan_variance(terms, np.array(tau)), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("term", [White(1.3), RandomWalk(0.2), Flicker(0.7, 1.0, 200.0)])
+@pytest.mark.parametrize(
+    "term",
+    [
+        White(1.3),
+        RandomWalk(0.2),
+        Flicker(0.7, 1.0, 200.0),
+        GaussMarkov(0.8, 2.0),
+        Line(1.5, 2.2, 0.3),
+        BandLimited(0.4, 3.0),
+    ],
+    ids=lambda term: type(term).__name__,
+)
 @pytest.mark.parametrize("tau", [0.05, 3.0, 150.0])
 def test_allan_variance_follows_from_the_psd(term, tau):
     """sigma^2 = 4 int_0^inf S(f) sin^4(pi f tau)/(pi f tau)^2 df, S two-sided (IEEE Std 952);
-    beyond x = pi f tau = 600, sin^4 is its mean 3/8 and S falls as f^-2, or is flat."""
-    x = np.concatenate([np.geomspace(1e-9, 1e-3, 20001)[:-1], np.linspace(1e-3, 600, 3_000_001)])
+    beyond `top` (and 60 Hz), sin^4 is its mean 3/8 and S falls as f^-2 or f^-4, or is flat."""
+    top = max(600.0, 60 * np.pi * tau)
+    x = np.concatenate([np.geomspace(1e-9, 1e-3, 20001)[:-1], np.linspace(1e-3, top, 6_000_001)])
     f = x / (np.pi * tau)
     integral = np.trapezoid(term.psd(f) * np.sin(x) ** 4 / x**2, f)
-    slope = 0 if isinstance(term, White) else 2
+    slope = {White: 0, BandLimited: 4}.get(type(term), 2)
     tail = term.psd(f[-1:])[0] * 3 / 8 / x[-1] / (1 + slope) / (np.pi * tau)
     np.testing.assert_allclose(4 * (integral + tail), term.allan_variance(tau), rtol=2e-5)
 
@@ -104,7 +130,7 @@ def test_drawn_series_have_the_covariance_across_blocks(terms, rng):
 
 def test_sample_means_has_the_law_of_averaged_samples(rng):
     """Both drawn; covariances compared elementwise against their sampling error."""
-    terms, draws, n, block, dt = TERMS["their sum"], 4000, 6, 20, 0.05
+    terms, draws, n, block, dt = TERMS["a sum"], 4000, 6, 20, 0.05
     fine = gaussian.sample(terms, rng, (draws, n * block), dt).astype(float)
     averaged = fine.reshape(draws, n, block).mean(axis=-1)
     direct = gaussian.sample_means(terms, rng, (draws, n), dt, block).astype(float)
@@ -156,6 +182,35 @@ def test_slow_terms_survive_under_fast_ones(rng):
     m = 2000 * dt
     expected = white.N**2 / m + walk.K**2 * (n * dt - m + m / 3)
     np.testing.assert_allclose(end.var(), expected, rtol=4.5 * np.sqrt(2 / 400))
+
+
+def test_angle_quantisation_follows_from_its_samples_psd():
+    """sigma^2(m dt) = 4 int_0^(1/2dt) S(f) sin^4(m x)/(m sin x)^2 df, x = pi f dt."""
+    term, dt, m = AngleQuantisation(0.02), 0.1, 7
+    x = (np.arange(200_000) + 0.5) / 200_000 * np.pi / 2  # pi f dt
+    gain = 2 * np.sin(m * x) ** 4 / (m * np.sin(x)) ** 2
+    integral = 2 * np.mean(term.psd(x / np.pi / dt, dt) * gain) / (2 * dt)
+    np.testing.assert_allclose(integral, term.allan_variance(m * dt), rtol=1e-6)
+
+
+def test_a_ramp_is_exact_in_every_realisation(rng):
+    ramp, dt = Ramp(0.3), 0.1
+    y = ramp.sample(rng, (50, 400), dt)
+    for m in (1, 10, 100):
+        np.testing.assert_allclose(block_allan(y, m), ramp.allan_variance(m * dt), rtol=1e-9)
+    assert set(np.sign(y[:, 0])) == {-1.0, 1.0}
+    means = Ramp(0.3).with_sign(np.ones(1), 400, dt).reshape(1, 40, 10).mean(axis=-1)
+    np.testing.assert_allclose(ramp.with_sign(np.ones(1), 40, 1.0), means)
+    np.testing.assert_allclose(ramp.covariance_of_means(40, dt, 10), means.T @ means)
+
+
+def test_a_wide_line_is_a_gauss_markov_process_at_frequency_zero():
+    line, process = Line(0.8, 0.0, 1 / (2 * np.pi)), GaussMarkov(0.8, 2.0)
+    tau = np.geomspace(0.01, 100, 30)
+    np.testing.assert_allclose(line.allan_variance(tau), process.allan_variance(tau), rtol=1e-7)
+    np.testing.assert_allclose(
+        line.covariance_of_means(5, 0.7), process.covariance_of_means(5, 0.7), rtol=1e-9
+    )
 
 
 def test_sinusoid_averages_to_its_own_means(rng):

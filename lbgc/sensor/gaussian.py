@@ -23,6 +23,7 @@ from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
+import scipy.linalg
 
 BLOCK = 128
 """Samples drawn from one factor. Changing it changes every dataset's bytes: a new schema number."""
@@ -39,6 +40,51 @@ class MeansModel:
     S: np.ndarray
     R: float
     P0: np.ndarray
+
+
+def sde_means_model(
+    F: np.ndarray, diffusion: np.ndarray, output: np.ndarray, P0: np.ndarray, interval: float
+) -> MeansModel:
+    """The means over h of w = output' x, where dx = F x dt + noise of intensity `diffusion`.
+
+    The running integral of w is carried as one more state; the joint covariance of both over h
+    is the integral of e^(Fs) D e^(F's), which one matrix exponential gives without cancellation
+    (Van Loan 1978, IEEE Trans. Automatic Control 23). That is done for a stretch shorter than the
+    process's own times and then doubled, which is exact too and does not overflow.
+    """
+    p = len(F)
+    doublings = max(0, int(np.ceil(np.log2(np.abs(F).sum(axis=1).max() * interval))))
+    stretch = interval / 2**doublings
+    drift, D = np.zeros((p + 1, p + 1)), np.zeros((p + 1, p + 1))
+    drift[:p, :p], drift[p, :p], D[:p, :p] = F, output, diffusion
+    size = p + 1
+    pair = np.block([[-drift, D], [np.zeros((size, size)), drift.T]]) * stretch
+    exponential = scipy.linalg.expm(pair)
+    transition = exponential[size:, size:].T
+    joint = transition @ exponential[:size, size:]
+    model = MeansModel(
+        A=transition[:p, :p],
+        C=transition[p, :p] / stretch,
+        Q=joint[:p, :p],
+        S=joint[:p, p] / stretch,
+        R=float(joint[p, p]) / stretch**2,
+        P0=P0,
+    )
+    for _ in range(doublings):
+        model = _doubled(model)
+    return model
+
+
+def _doubled(m: MeansModel) -> MeansModel:
+    """The model of means over pairs of intervals: y = (y1 + y2)/2."""
+    return MeansModel(
+        A=m.A @ m.A,
+        C=(m.C + m.C @ m.A) / 2,
+        Q=m.A @ m.Q @ m.A.T + m.Q,
+        S=(m.A @ m.S + m.A @ m.Q @ m.C + m.S) / 2,
+        R=float(2 * m.R + m.C @ m.Q @ m.C + 2 * m.C @ m.S) / 4,
+        P0=m.P0,
+    )
 
 
 class GaussianTerm:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lbgc.sensor.gaussian import GaussianTerm, MeansModel
+from lbgc.sensor.gaussian import GaussianTerm, MeansModel, sde_means_model
 
 
 @dataclass(frozen=True)
@@ -99,25 +99,168 @@ class Flicker(GaussianTerm):
         return variances
 
     def means_model(self, interval: float) -> MeansModel:
-        """Each process over h = u T, started at x: the end is e^-u x + ..., the mean is g x + ...
-        with g = (1 - e^-u)/u; given x, var(end) = s (1 - e^-2u), cov(end, mean) = s g (1 - e^-u)
-        and var(mean) = s (V(u) - g^2), V as in `_mean_variance`."""
-        u, s = interval / self.correlation_times(), self.variances()
-        decay, gain = np.exp(-u), -np.expm1(-u) / u
-        q = s * -np.expm1(-2 * u)
-        r = float(np.sum(s * _conditional_mean_variance(u)))
-        return MeansModel(np.diag(decay), gain, np.diag(q), s * gain * -np.expm1(-u), r, np.diag(s))
+        return _gauss_markov_model(self.variances(), self.correlation_times(), interval)
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
-        """Exact, corners included: V(tau) - cov of neighbours = 2 (V(tau) - V(2 tau))."""
-        u = np.asarray(tau, dtype=float)[..., None] / self.correlation_times()
-        return np.sum(self.variances() * 2 * (_mean_variance(u) - _mean_variance(2 * u)), axis=-1)
+        """Exact, corners included."""
+        return _gauss_markov_allan(self.variances(), self.correlation_times(), tau)
 
     def psd(self, f: np.ndarray) -> np.ndarray:
         """Of the model, corners and ripple included."""
-        times = self.correlation_times()
-        x = 2 * np.pi * np.asarray(f, dtype=float)[..., None] * times
-        return np.sum(2 * self.variances() * times / (1 + x**2), axis=-1)
+        return _gauss_markov_psd(self.variances(), self.correlation_times(), f)
+
+
+@dataclass(frozen=True)
+class GaussMarkov(GaussianTerm):
+    """First-order Gauss-Markov process with a stationary start: covariance sigma^2 e^(-|t|/T).
+
+    PSD 2 sigma^2 T/(1 + (2 pi f T)^2); Allan variance 2 (V(tau) - V(2 tau)) with V the variance of
+    its mean, 2 sigma^2 (T/tau)^2 (tau/T - 1 + e^(-tau/T)) (IEEE Std 952, C.1.7).
+    """
+
+    sigma: float
+    """unit"""
+    T: float
+    """s: correlation time."""
+
+    def means_model(self, interval: float) -> MeansModel:
+        return _gauss_markov_model(np.array([self.sigma**2]), np.array([self.T]), interval)
+
+    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
+        return _gauss_markov_allan(np.array([self.sigma**2]), np.array([self.T]), tau)
+
+    def psd(self, f: np.ndarray) -> np.ndarray:
+        return _gauss_markov_psd(np.array([self.sigma**2]), np.array([self.T]), f)
+
+
+@dataclass(frozen=True)
+class Line(GaussianTerm):
+    """A narrow-band line: a damped resonance driven by white noise, as real lines wander.
+
+    The real part of z, dz = (-g + 2 pi i f0) z dt + noise, with a stationary start: covariance
+    sigma^2 e^(-g|t|) cos(2 pi f0 t), g = pi x width. PSD sigma^2 (g/(g^2 + (w - w0)^2)
+    + g/(g^2 + (w + w0)^2)), half its peak at f0 +- width/2. With l = -g + i w0 the variance of its
+    mean over tau is V = 2 sigma^2 Re((e^(l tau) - 1 - l tau)/(l tau)^2), and the Allan variance
+    2 (V(tau) - V(2 tau)).
+    """
+
+    sigma: float
+    """unit, rms"""
+    f0: float
+    """Hz: centre."""
+    width: float
+    """Hz: full width at half maximum."""
+
+    def means_model(self, interval: float) -> MeansModel:
+        g, w = np.pi * self.width, 2 * np.pi * self.f0
+        F = np.array([[-g, -w], [w, -g]])
+        variance = self.sigma**2 * np.eye(2)
+        return sde_means_model(F, 2 * g * variance, np.array([1.0, 0.0]), variance, interval)
+
+    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
+        rate = complex(-np.pi * self.width, 2 * np.pi * self.f0)
+        return self.sigma**2 * _exponential_allan(rate, 1.0, tau)
+
+    def psd(self, f: np.ndarray) -> np.ndarray:
+        g, w, w0 = np.pi * self.width, 2 * np.pi * np.asarray(f, dtype=float), 2 * np.pi * self.f0
+        return self.sigma**2 * (g / (g**2 + (w - w0) ** 2) + g / (g**2 + (w + w0) ** 2))
+
+
+@dataclass(frozen=True)
+class BandLimited(GaussianTerm):
+    """White noise N behind a second-order Butterworth low-pass, -3 dB at `bandwidth`.
+
+    PSD N^2/(1 + (f/bandwidth)^4). With w0 = 2 pi bandwidth the output has variance
+    N^2 w0/(2 sqrt 2), and Re((1 - i) e^(l|t|)) of that as covariance, l = w0 (-1 + i)/sqrt 2.
+    Slow terms pass the filter unchanged; a constant too.
+    """
+
+    N: float
+    """unit/sqrt(Hz), two-sided, before the filter."""
+    bandwidth: float
+    """Hz"""
+
+    def means_model(self, interval: float) -> MeansModel:
+        w = 2 * np.pi * self.bandwidth
+        F = w * np.array([[0.0, 1.0], [-1.0, -np.sqrt(2)]])  # of the output and its rate over w
+        diffusion = np.diag([0.0, (w * self.N) ** 2])
+        start = self.N**2 * w / (2 * np.sqrt(2)) * np.eye(2)
+        return sde_means_model(F, diffusion, np.array([1.0, 0.0]), start, interval)
+
+    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
+        w = 2 * np.pi * self.bandwidth
+        rate = complex(-1, 1) * w / np.sqrt(2)
+        return self.N**2 * w / (2 * np.sqrt(2)) * _exponential_allan(rate, complex(1, -1), tau)
+
+    def psd(self, f: np.ndarray) -> np.ndarray:
+        return self.N**2 / (1 + (np.asarray(f, dtype=float) / self.bandwidth) ** 4)
+
+
+@dataclass(frozen=True)
+class AngleQuantisation(GaussianTerm):
+    """Error of angle increments that are read from a counter: differences of white angle errors.
+
+    A sample is (q_k - q_(k-1))/h with q independent of variance Q^2 (for counts of size c that are
+    carried, Q = c/sqrt 12). Means telescope to (q_end - q_start)/tau, so the law at any rate is the
+    same and the Allan variance is 3 Q^2/tau^2 at every tau = m dt (IEEE Std 952, C.1.2). q is drawn
+    Gaussian here; counting itself is `lbgc.sensor.imu`'s.
+    """
+
+    Q: float
+    """unit s: rad for a gyro."""
+
+    def means_model(self, interval: float) -> MeansModel:
+        q = np.array([[self.Q**2]])
+        return MeansModel(
+            A=np.zeros((1, 1)),
+            C=np.array([-1 / interval]),
+            Q=q,
+            S=q[0] / interval,
+            R=self.Q**2 / interval**2,
+            P0=q,
+        )
+
+    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
+        return 3 * self.Q**2 / np.asarray(tau, dtype=float) ** 2
+
+    def psd(self, f: np.ndarray, dt: float) -> np.ndarray:
+        """Of samples at interval dt: 4 Q^2/dt sin^2(pi f dt), about (2 pi f)^2 Q^2 dt."""
+        return 4 * self.Q**2 / dt * np.sin(np.pi * np.asarray(f, dtype=float) * dt) ** 2
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Rate ramp +-R t from the recording's start, the sign drawn for each series.
+
+    The mean over (t - h, t] is +-R (t - h/2). Allan variance R^2 tau^2/2, exactly, in every
+    realisation (IEEE Std 952, C.1.5, whose PSD for it, R^2/(2 pi f)^3, is nominal).
+    """
+
+    R: float
+    """unit/s"""
+
+    def sample(self, rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> np.ndarray:
+        sign = rng.choice([-1.0, 1.0], shape[:-1])
+        return self.with_sign(sign, shape[-1], dt)
+
+    def sample_means(
+        self, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
+    ) -> np.ndarray:
+        return self.sample(rng, shape, dt * block)
+
+    def with_sign(self, sign: np.ndarray, n: int, dt: float) -> np.ndarray:
+        """The interval means for given signs: (*S) -> (*S, n)."""
+        return np.asarray(sign)[..., None] * self.R * (np.arange(n) + 0.5) * dt
+
+    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
+        return self.R**2 * np.asarray(tau, dtype=float) ** 2 / 2
+
+    def psd(self, f: np.ndarray) -> np.ndarray:
+        return self.R**2 / (2 * np.pi * np.asarray(f, dtype=float)) ** 3
+
+    def covariance_of_means(self, n: int, dt: float, block: int = 1) -> np.ndarray:
+        middle = self.with_sign(np.ones(()), n, dt * block)
+        return np.outer(middle, middle)
 
 
 @dataclass(frozen=True)
@@ -160,6 +303,48 @@ class Sinusoid:
 def allan_variance(terms: tuple, tau: np.ndarray) -> np.ndarray:
     """Of the sum of independent terms (Gaussian or not), tau (*S) in s -> unit^2 (*S)."""
     return sum((t.allan_variance(tau) for t in terms), np.zeros(np.shape(tau)))
+
+
+def _gauss_markov_model(s: np.ndarray, times: np.ndarray, interval: float) -> MeansModel:
+    """Of a sum of processes of variances s: each over h = u T, started at x, ends at e^-u x + ...
+    and has mean g x + ..., g = (1 - e^-u)/u; given x, var(end) = s (1 - e^-2u), cov(end, mean)
+    = s g (1 - e^-u) and var(mean) = s (V(u) - g^2), V as in `_mean_variance`."""
+    u = interval / times
+    gain = -np.expm1(-u) / u
+    return MeansModel(
+        A=np.diag(np.exp(-u)),
+        C=gain,
+        Q=np.diag(s * -np.expm1(-2 * u)),
+        S=s * gain * -np.expm1(-u),
+        R=float(np.sum(s * _conditional_mean_variance(u))),
+        P0=np.diag(s),
+    )
+
+
+def _gauss_markov_allan(s: np.ndarray, times: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """V(tau) - cov of neighbours = 2 (V(tau) - V(2 tau))."""
+    u = np.asarray(tau, dtype=float)[..., None] / times
+    return np.sum(s * 2 * (_mean_variance(u) - _mean_variance(2 * u)), axis=-1)
+
+
+def _gauss_markov_psd(s: np.ndarray, times: np.ndarray, f: np.ndarray) -> np.ndarray:
+    x = 2 * np.pi * np.asarray(f, dtype=float)[..., None] * times
+    return np.sum(2 * s * times / (1 + x**2), axis=-1)
+
+
+def _exponential_allan(rate: complex, weight: complex, tau: np.ndarray) -> np.ndarray:
+    """Allan variance of a process with covariance Re(weight e^(rate |t|)):
+    V(tau) = 2 Re(weight (e^(rate tau) - 1 - rate tau)/(rate tau)^2)."""
+
+    def variance(t: np.ndarray) -> np.ndarray:
+        z = rate * t
+        small = np.abs(z) < 1e-2
+        safe = np.where(small, 1.0, z)
+        series = 0.5 + z / 6 + z**2 / 24 + z**3 / 120 + z**4 / 720 + z**5 / 5040
+        return 2 * np.real(weight * np.where(small, series, (np.expm1(safe) - safe) / safe**2))
+
+    t = np.asarray(tau, dtype=float)
+    return 2 * (variance(t) - variance(2 * t))
 
 
 def _mean_variance(u: np.ndarray) -> np.ndarray:
