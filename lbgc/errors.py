@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
@@ -135,6 +136,7 @@ def run_main(main: Callable[[Any], Path | None], config_class: type, config_name
     def job(raw: DictConfig) -> None:
         try:
             values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
+            _replace_alternatives(values, HydraConfig.get().overrides.task)
             path = main(build(config_class, values))  # type: ignore[arg-type]
         except InputError as error:
             failed.append(str(error))
@@ -155,6 +157,26 @@ def run_main(main: Callable[[Any], Path | None], config_class: type, config_name
     except KeyboardInterrupt:
         print("interrupted; run the same command again to go on", file=sys.stderr)
         sys.exit(130)
+
+
+ALTERNATIVES = (
+    {"arw_deg_per_sqrt_h", "noise_deg_per_s_per_sqrt_hz"},
+    {"noise_ug_per_sqrt_hz", "vrw_m_per_s_per_sqrt_h"},
+)
+"""Keys that say one thing in different units."""
+
+
+def _replace_alternatives(values: Any, overrides: Sequence[str]) -> None:
+    """A figure given on the command line replaces the preset's, in whatever unit that stood."""
+    given = [override.lstrip("+").split("=", 1)[0].split(".") for override in overrides]
+    for *path, key in given:
+        for group in (g for g in ALTERNATIVES if key in g):
+            place = values
+            for name in path:
+                place = place[name]
+            for other in group - {key}:
+                if [*path, other] not in given and other in place:
+                    place[other] = None
 
 
 def _hydra_says(error: BaseException) -> str:

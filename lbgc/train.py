@@ -27,7 +27,8 @@ from lbgc.learning.model import HeadingNet, ModelConfig, features, make, paramet
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.figures import loss_curve
 from lbgc.sensor import streams
-from lbgc.sensor.imu import ImuConfig, Triad
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import Triad
 
 
 @dataclass(frozen=True)

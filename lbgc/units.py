@@ -12,10 +12,17 @@ HOUR = 3600.0
 _SUFFIXES: dict[str, tuple[float, str]] = {
     "deg_per_h_per_sqrt_h": (DEG / HOUR / math.sqrt(HOUR), "deg/h/sqrt(h)"),
     "deg_per_sqrt_h": (DEG / math.sqrt(HOUR), "deg/sqrt(h)"),
+    "deg_per_h_per_h": (DEG / HOUR**2, "deg/h/h"),
+    "deg_per_h_per_g": (DEG / HOUR / STANDARD_GRAVITY, "deg/h/g"),
     "deg_per_h": (DEG / HOUR, "deg/h"),
+    "arcsec": (DEG / HOUR, "arcsec"),
     "deg_per_s": (DEG, "deg/s"),
     "deg": (DEG, "deg"),
     # A density per sqrt(Hz) is one-sided, the coefficient N is two-sided: hence sqrt(2).
+    "deg_per_s_per_sqrt_hz": (DEG / math.sqrt(2.0), "deg/s/sqrt(Hz)"),
+    "m_per_s_per_sqrt_h": (1 / math.sqrt(HOUR), "m/s/sqrt(h)"),
+    "ug_per_h": (1e-6 * STANDARD_GRAVITY / HOUR, "ug/h"),
+    "ug_s": (1e-6 * STANDARD_GRAVITY, "ug s"),
     "ug_per_sqrt_hz": (1e-6 * STANDARD_GRAVITY / math.sqrt(2.0), "ug/sqrt(Hz)"),
     "ug_per_sqrt_h": (1e-6 * STANDARD_GRAVITY / math.sqrt(HOUR), "ug/sqrt(h)"),
     "ug": (1e-6 * STANDARD_GRAVITY, "ug"),

@@ -22,7 +22,8 @@ from lbgc.frames import wrap
 from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor import streams
-from lbgc.sensor.imu import ImuConfig, Triad, TriadErrors
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import Triad, TriadErrors
 from lbgc.sensor.streams import Purpose
 from sim.motion import rest
 from sim.scene import SceneConfig, try_picture
@@ -127,12 +128,17 @@ class _Sensor:
     config: GenerateConfig
 
     def measure(
-        self, triad: Triad, rng: np.random.Generator, truth: np.ndarray, errors: TriadErrors
+        self,
+        triad: Triad,
+        rng: np.random.Generator,
+        truth: np.ndarray,
+        errors: TriadErrors,
+        force: np.ndarray | None,
     ) -> np.ndarray:
         n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
         if self.config.output == "means":
-            return triad.measure_means(rng, truth, errors, n, dt, self.config.block)
-        return triad.measure(rng, truth, errors, n, dt)
+            return triad.measure_means(rng, truth, errors, n, dt, self.config.block, force)
+        return triad.measure(rng, truth, errors, n, dt, force)
 
 
 def main(config: GenerateConfig) -> Path:
@@ -212,14 +218,15 @@ def _recording(config: GenerateConfig, sensor: _Sensor, i: int) -> dict[str, np.
     of_unit = streams.unit(config.unit_seed, unit)
     of_session = streams.session(config.unit_seed, unit, session)
     values: dict[str, np.ndarray | float | int] = {}
-    for name, triad, purpose, feels in (
-        ("gyro", sensor.gyro, Purpose.GYRO, truth.omega_ib_b),
-        ("accel", sensor.accel, Purpose.ACCEL, truth.f_ib_b),
+    force = truth.f_ib_b[:, None]
+    for name, triad, purpose, feels, disturbed_by in (
+        ("gyro", sensor.gyro, Purpose.GYRO, truth.omega_ib_b[:, None], force),
+        ("accel", sensor.accel, Purpose.ACCEL, force, None),
     ):
         rng = streams.recording(config.seed, i, purpose)
         errors = triad.draw_run(rng, triad.draw_unit(of_unit), triad.draw_session(of_session))
         # Kept axis by axis in memory, as the store keeps it; logically (time, axis).
-        values[name] = sensor.measure(triad, rng, feels[:, None], errors).T
+        values[name] = sensor.measure(triad, rng, feels, errors, disturbed_by).T
         values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
     n = config.samples // config.block
     values |= {

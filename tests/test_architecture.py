@@ -151,8 +151,10 @@ def test_the_configuration_files_mirror_the_dataclasses():
     import yaml
 
     from lbgc.data.logs import LogConfig
+    from lbgc.errors import build
     from lbgc.evaluate import EvaluateConfig
     from lbgc.learning.model import ModelConfig
+    from lbgc.sensor.datasheet import AccelConfig, GyroConfig, ImuConfig
     from lbgc.train import TrainConfig
     from sim.generate import GenerateConfig
     from sim.scene import PictureConfig, SceneConfig
@@ -174,6 +176,10 @@ def test_the_configuration_files_mirror_the_dataclasses():
     for folder, config in (("model", ModelConfig), ("scene", SceneConfig)):
         for path in (conf / folder).glob("*.yaml"):
             assert keys(path) == {f.name for f in fields(config)}, path
+    every = yaml.safe_load((conf / "imu_defaults.yaml").read_text())
+    assert build(ImuConfig, every) == ImuConfig()
+    assert set(every["gyro"]) == {f.name for f in fields(GyroConfig)}
+    assert set(every["accel"]) == {f.name for f in fields(AccelConfig)}
     assert keys(conf / "log" / "csv.yaml") == {f.name for f in fields(LogConfig)}
 
 

@@ -226,7 +226,7 @@ def test_at_the_pole_generation_warns(cli):
     [
         ("latitude=91", "latitude = 91.0 deg: must be from -90 to 90"),
         ("latitude=nan", "latitude = nan deg: must be a finite number"),
-        ("imu=nonesuch", "ideal\n\tsdc500\n"),
+        ("imu=nonesuch", "\tideal\n"),
         ("imu.gyro.arw=3", "key = imu.gyro.arw: choose from arw_deg_per_sqrt_h"),
         ("latitud=3", "key = latitud: choose from"),
         ("recordings=ten", "recordings = ten: must be a whole number"),
@@ -292,3 +292,26 @@ def test_help_describes_every_parameter(cli):
     for field in fields(GenerateConfig):
         where = said if field.name in ("imu", "scene", "protocol") else described
         assert field.name in where, field.name
+
+
+@pytest.mark.parametrize(
+    ("imu", "override", "expected"),
+    [
+        ("sdc500", "imu.gyro.noise_deg_per_s_per_sqrt_hz=0.01", 0.01 * 60 / 2**0.5),
+        ("bmi160", "imu.gyro.arw_deg_per_sqrt_h=0.5", 0.5),
+    ],
+)
+def test_a_figure_on_the_command_line_replaces_the_presets_in_whatever_unit(
+    cli, tmp_path, imu, override, expected
+):
+    size = ("recordings=1", "rate_hz=10", "duration_s=10", "out=d.zarr")
+    assert cli("sim.generate", f"imu={imu}", override, *size).code == 0
+    stored = Dataset.open(tmp_path / "d.zarr").configuration["imu"]["gyro"]
+    density = stored["noise_deg_per_s_per_sqrt_hz"]
+    arw = stored["arw_deg_per_sqrt_h"]
+    assert (arw if density is None else density * 60 / 2**0.5) == pytest.approx(expected)
+    assert None in (arw, density)
+    both = cli("sim.generate", *size[:3], override, "imu.gyro.noise_deg_per_s_per_sqrt_hz=3",
+               "imu.gyro.arw_deg_per_sqrt_h=0.5")  # fmt: skip
+    assert both.code == 2
+    assert "disagrees by over 15%" in both.err

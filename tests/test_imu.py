@@ -7,7 +7,8 @@ import pytest
 
 from lbgc.errors import InputError
 from lbgc.sensor import noise, streams
-from lbgc.sensor.imu import AccelConfig, GyroConfig, Triad
+from lbgc.sensor.datasheet import AccelConfig, GyroConfig
+from lbgc.sensor.imu import Triad
 from lbgc.units import DEG, HOUR
 
 GYRO = GyroConfig(
@@ -19,6 +20,15 @@ GYRO = GyroConfig(
     bias_run_deg_per_h=0.2,
     scale_unit_ppm=3000.0,
     misalignment_unit_mrad=5.0,
+    quantisation_arcsec=0.01,
+    ramp_deg_per_h_per_h=500.0,
+    gauss_markov_deg_per_h=3.0,
+    gauss_markov_s=5.0,
+    line_deg_per_h=20.0,
+    line_hz=7.0,
+    line_width_hz=0.5,
+    bandwidth_hz=20.0,
+    g_sensitivity_deg_per_h_per_g=2.0,
     tone_hz=3.1,
     tone_deg_per_h=[50.0, 20.0, 0.0],
     rate_lsb_deg_per_s=1e-4,
@@ -33,6 +43,14 @@ ACCEL = AccelConfig(
     bias_run_mg=0.2,
     scale_unit_ppm=3000.0,
     misalignment_unit_mrad=5.0,
+    quantisation_ug_s=1.0,
+    ramp_ug_per_h=2e4,
+    gauss_markov_ug=30.0,
+    gauss_markov_s=5.0,
+    line_ug=100.0,
+    line_hz=7.0,
+    line_width_hz=0.5,
+    bandwidth_hz=20.0,
     tone_hz=3.1,
     tone_ug=[50.0, 20.0, 0.0],
     lsb_ug=10.0,
@@ -59,7 +77,8 @@ def prints(config: GyroConfig | AccelConfig, n: int = 3000, dt: float = 0.01) ->
         triad.draw_session(streams.session(5, 0, 0)),
     )
     rng = streams.recording(5, 1, streams.Purpose.GYRO)
-    return triad.measure(rng, truth, errors, n, dt) * (triad.lsb or 1.0)
+    force = None if isinstance(config, AccelConfig) else np.array([[0.1], [-0.2], [-9.8]])
+    return triad.measure(rng, truth, errors, n, dt, force) * (triad.lsb or 1.0)
 
 
 @pytest.mark.parametrize("config", [GYRO, ACCEL], ids=["gyro", "accel"])
@@ -67,6 +86,8 @@ def test_every_figure_changes_what_the_sensor_prints(config):
     usual = prints(config)
     for field in fields(config):
         value = getattr(config, field.name)
+        if value is None:  # the other unit of the noise: tested below
+            continue
         scaled = [2 * v for v in value] if isinstance(value, list) else 2 * value
         changed = replace(config, **{field.name: CHANGED.get(field.name, scaled)})
         assert not np.array_equal(prints(changed), usual), field.name
@@ -93,7 +114,9 @@ def test_negative_figures_are_refused_by_name(config_class):
         ({"arw_deg_per_sqrt_h": [1.0, 2.0]}, "one number or three"),
         ({"rate_lsb_deg_per_s": 0.0}, "greater than zero"),
         ({"flicker_long_s": 0.5}, "above flicker_short_s = 1.0"),
-        ({"tone_deg_per_h": 3.0}, "must be given for a tone"),
+        ({"tone_deg_per_h": 3.0}, "must be given for tone_deg_per_h = 3.0"),
+        ({"line_deg_per_h": [0, 1, 0], "line_hz": 3.0}, "line_width_hz = 0.0 Hz: must be given"),
+        ({"bandwidth_hz": [5.0, 0.0, 5.0]}, "must be greater than zero"),
     ],
 )
 def test_figures_that_make_no_sense_are_refused(values, says):
@@ -116,7 +139,8 @@ def test_drawn_errors_have_their_sizes_and_lifetimes():
     """1 sigma from 3,000 units: relative sampling error 1/sqrt(2 x 9000) = 0.75%, 4.5 of them."""
     triad = GYRO.triad()
     units = [triad.draw_unit(streams.unit(1, u)) for u in range(3000)]
-    biases, matrices = np.array([b for b, _ in units]), np.array([m for _, m in units])
+    biases, matrices, of_g = (np.array(part) for part in zip(*units, strict=True))
+    assert of_g.std() == pytest.approx(2.0 * DEG / HOUR / 9.80665, rel=0.02)
     assert biases.std() == pytest.approx(1.0 * DEG / HOUR, rel=0.034)
     assert matrices[:, np.eye(3, dtype=bool)].std() == pytest.approx(3e-3, rel=0.034)
     assert matrices[:, ~np.eye(3, dtype=bool)].std() == pytest.approx(5e-3, rel=0.034)
@@ -140,7 +164,9 @@ def test_the_matrix_acts_as_the_papers_equations_say():
 
 def test_counts_are_whole_and_clipped_at_the_range():
     triad = replace(GYRO, tone_deg_per_h=0.0, tone_hz=0.0, range_deg_per_s=0.004).triad()
-    errors = triad.draw_run(np.random.default_rng(0), (np.zeros(3), np.zeros((3, 3))), np.zeros(3))
+    errors = triad.draw_run(
+        np.random.default_rng(0), (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))), np.zeros(3)
+    )
     counts = triad.measure(np.random.default_rng(1), np.full((3, 1), 0.01), errors, 1000, 0.01)
     assert counts.dtype == np.int32
     assert np.unique(counts).tolist() == [40]
@@ -148,7 +174,7 @@ def test_counts_are_whole_and_clipped_at_the_range():
 
 def means_and_averages(triad: Triad, rng, draws: int, n: int, block: int, dt: float):
     truth = np.full((3, 1), 3e-5)
-    errors = triad.draw_run(rng, (np.zeros(3), np.zeros((3, 3))), np.zeros(3))
+    errors = triad.draw_run(rng, (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))), np.zeros(3))
     direct, averaged = np.empty((draws, 3, n)), np.empty((draws, 3, n))
     for d in range(draws):
         direct[d] = triad.measure_means(rng, truth, errors, n, dt, block)
@@ -160,7 +186,9 @@ def means_and_averages(triad: Triad, rng, draws: int, n: int, block: int, dt: fl
 def test_means_have_the_law_of_averaged_samples_tone_and_counts_included(rng):
     """Mean and spread of the first and last mean and of their difference, 1,500 draws x 3 axes;
     4.5 sampling errors of the difference of two such estimates."""
-    config = replace(GYRO, tone_deg_per_h=0.0, tone_hz=0.0, rate_lsb_deg_per_s=0.03)
+    config = replace(
+        GYRO, tone_deg_per_h=0.0, tone_hz=0.0, rate_lsb_deg_per_s=0.03, ramp_deg_per_h_per_h=0.0
+    )
     direct, averaged = means_and_averages(config.triad(), rng, 1500, 4, 10, 0.01)
     for look in (lambda y: y[..., 0], lambda y: y[..., -1], lambda y: y[..., -1] - y[..., 0]):
         a, b = look(direct).ravel(), look(averaged).ravel()
@@ -184,7 +212,9 @@ def test_predicted_allan_variance_is_that_of_what_is_printed(rng):
     for m in (1, 10, 100, 1000):
         drawn = []
         for _ in range(100):
-            errors = triad.draw_run(rng, (np.zeros(3), np.zeros((3, 3))), np.zeros(3))
+            errors = triad.draw_run(
+                rng, (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))), np.zeros(3)
+            )
             y = triad.measure(rng, np.full((3, 1), 3e-5), errors, n, dt) * triad.lsb
             means = y.reshape(3, n // m, m).mean(axis=-1)
             drawn.append(0.5 * np.mean(np.diff(means, axis=-1) ** 2, axis=-1))
@@ -198,3 +228,27 @@ def test_predicted_allan_variance_is_that_of_what_is_printed(rng):
 def test_a_zero_coefficient_is_no_term():
     assert GyroConfig().triad().terms == ((), (), ())
     assert GyroConfig(arw_deg_per_sqrt_h=[1, 0, 0]).triad().terms[0] == (noise.White(DEG / 60),)
+
+
+def test_white_noise_may_be_given_in_either_unit():
+    """0.3 deg/sqrt(h) is 0.3/60 x sqrt(2) deg/s/sqrt(Hz), one-sided."""
+    density = 0.3 / 60 * np.sqrt(2)
+    arw = GyroConfig(arw_deg_per_sqrt_h=0.3).triad().N
+    np.testing.assert_allclose(GyroConfig(noise_deg_per_s_per_sqrt_hz=density).triad().N, arw)
+    GyroConfig(arw_deg_per_sqrt_h=0.3, noise_deg_per_s_per_sqrt_hz=1.1 * density).triad()
+    with pytest.raises(InputError, match=r"disagrees by over 15% with arw_deg_per_sqrt_h = 0.3"):
+        GyroConfig(arw_deg_per_sqrt_h=0.3, noise_deg_per_s_per_sqrt_hz=1.3 * density).triad()
+    vrw = 100e-6 * 9.80665 / np.sqrt(2) * 60
+    np.testing.assert_allclose(AccelConfig(vrw_m_per_s_per_sqrt_h=vrw).triad().N, ACCEL.triad().N)
+
+
+def test_g_sensitivity_acts_on_the_force():
+    triad = GyroConfig(g_sensitivity_deg_per_h_per_g=[1.0, 0.0, 0.0]).triad()
+    errors = triad.draw_run(
+        np.random.default_rng(0), triad.draw_unit(np.random.default_rng(1)), np.zeros(3)
+    )
+    force = np.array([[0.0], [0.0], [-9.80665]])
+    printed = triad.measure(np.random.default_rng(2), np.zeros((3, 1)), errors, 1, 0.1, force)
+    np.testing.assert_allclose(printed, errors.g_sensitivity @ force, rtol=1e-6)
+    assert printed[0] != 0
+    assert not printed[1:].any()

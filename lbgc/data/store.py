@@ -79,6 +79,8 @@ VARIABLES: dict[str, Variable] = {
             ("bias_run", _VECTOR, "", "drawn {} bias of the recording"),
             ("matrix", _MATRIX, "1", "drawn scale and misalignment M of the {}"),
             ("tone_phase", _VECTOR, "rad", "drawn phase of the {} tone at the start"),
+            ("ramp_sign", _VECTOR, "1", "drawn sign of the {} ramp"),
+            ("g_sensitivity", _MATRIX, f"{unit} / (m s-2)", "drawn {} per specific force"),
         )
     },
 }

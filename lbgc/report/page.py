@@ -20,7 +20,7 @@ from lbgc.metrics import Summary
 from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
-from lbgc.sensor.imu import ImuConfig
+from lbgc.sensor.datasheet import ImuConfig
 from lbgc.units import DEG, HOUR
 
 _COLUMNS = ("estimator", "window, s", "windows", "RMSE", "median", "IQR", "95%", "RMSE·cos(lat)")

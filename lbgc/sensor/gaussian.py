@@ -159,16 +159,36 @@ def covariance_of_means(terms: Gaussians, n: int, dt: float, block: int = 1) -> 
     covariance of the state at the start of block j.
     """
     model = _sum_model(terms, dt * block)
+    P, states = model.P0, len(model.C)
+    decay, toward = np.empty((n, states)), np.empty((n, states))
     covariance = np.zeros((n, n))
-    P = model.P0
+    power = np.eye(states)
     for j in range(n):
-        covariance[j, j] = model.C @ P @ model.C + model.R
-        toward = model.A @ P @ model.C + model.S
-        for k in range(j + 1, n):
-            covariance[j, k] = covariance[k, j] = model.C @ toward
-            toward = model.A @ toward
+        covariance[j, j] = (model.C @ P @ model.C + model.R) / 2
+        toward[j] = model.A @ P @ model.C + model.S
+        decay[j] = model.C @ power
+        power = model.A @ power
         P = model.A @ P @ model.A.T + model.Q
-    return covariance
+    after = toward @ decay.T  # [j, l]: with the block l + 1 later
+    for j in range(n - 1):
+        covariance[j, j + 1 :] = after[j, : n - 1 - j]
+    return covariance + covariance.T
+
+
+def autocovariance_of_means(terms: Gaussians, n: int, dt: float, block: int = 1) -> np.ndarray:
+    """The first row of `covariance_of_means`, (n,): all there is to know of stationary terms."""
+    model = _sum_model(terms, dt * block)
+    row = np.empty(n)
+    row[0] = model.C @ model.P0 @ model.C + model.R
+    toward = model.A @ model.P0 @ model.C + model.S
+    decay, lags = np.diag(model.A), np.arange(n - 1)
+    if np.array_equal(np.diag(decay), model.A):  # processes side by side, each forgetting by itself
+        row[1:] = (model.C * toward) @ decay[:, None] ** lags
+        return row
+    for k in range(1, n):
+        row[k] = model.C @ toward
+        toward = model.A @ toward
+    return row
 
 
 def _sum_model(terms: Gaussians, interval: float) -> MeansModel:

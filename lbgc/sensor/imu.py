@@ -14,170 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from lbgc import units
-from lbgc.errors import Axes, InputError, require, require_not_negative, require_positive
+from lbgc.errors import InputError
 from lbgc.sensor import gaussian, noise
 
 Triple = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class GyroConfig:
-    """A gyro triad in datasheet units. A figure is one number or three: forward, right, down."""
-
-    arw_deg_per_sqrt_h: Axes = 0.0
-    """Angle random walk N."""
-    bias_instability_deg_per_h: Axes = 0.0
-    """B; the Allan floor is 0.664 of it."""
-    rrw_deg_per_h_per_sqrt_h: Axes = 0.0
-    """Rate random walk K."""
-    flicker_short_s: float = 1.0
-    """Shortest averaging time of the bias instability's flat floor."""
-    flicker_long_s: float = 3600.0
-    """Longest averaging time of that floor."""
-    bias_unit_deg_per_h: Axes = 0.0
-    """1 sigma between units, for a unit's life."""
-    bias_session_deg_per_h: Axes = 0.0
-    """1 sigma between power-ups."""
-    bias_run_deg_per_h: Axes = 0.0
-    """1 sigma between recordings."""
-    scale_unit_ppm: Axes = 0.0
-    """Scale factor error, 1 sigma between units."""
-    misalignment_unit_mrad: Axes = 0.0
-    """Of each axis towards each other one, 1 sigma between units."""
-    tone_hz: float = 0.0
-    """Frequency of a vibration line."""
-    tone_deg_per_h: Axes = 0.0
-    """Its amplitude; its phase is random."""
-    rate_lsb_deg_per_s: float | None = None
-    """Output count; null: no rounding."""
-    range_deg_per_s: float | None = None
-    """Output is clipped to +- this; null: no limit."""
-
-    def __post_init__(self) -> None:
-        _validate(self)
-
-    def triad(self) -> "Triad":
-        return _triad(
-            self,
-            N="arw_deg_per_sqrt_h",
-            B="bias_instability_deg_per_h",
-            K="rrw_deg_per_h_per_sqrt_h",
-            bias_unit="bias_unit_deg_per_h",
-            bias_session="bias_session_deg_per_h",
-            bias_run="bias_run_deg_per_h",
-            tone="tone_deg_per_h",
-            lsb="rate_lsb_deg_per_s",
-            range="range_deg_per_s",
-        )
-
-
-@dataclass(frozen=True)
-class AccelConfig:
-    """An accelerometer triad in datasheet units, as `GyroConfig`."""
-
-    noise_ug_per_sqrt_hz: Axes = 0.0
-    """Noise density as datasheets print it, one-sided: N is this over sqrt(2)."""
-    bias_instability_ug: Axes = 0.0
-    """B; the Allan floor is 0.664 of it."""
-    random_walk_ug_per_sqrt_h: Axes = 0.0
-    """Acceleration random walk K."""
-    flicker_short_s: float = 1.0
-    """Shortest averaging time of the bias instability's flat floor."""
-    flicker_long_s: float = 3600.0
-    """Longest averaging time of that floor."""
-    bias_unit_mg: Axes = 0.0
-    """1 sigma between units, for a unit's life."""
-    bias_session_mg: Axes = 0.0
-    """1 sigma between power-ups."""
-    bias_run_mg: Axes = 0.0
-    """1 sigma between recordings."""
-    scale_unit_ppm: Axes = 0.0
-    """Scale factor error, 1 sigma between units."""
-    misalignment_unit_mrad: Axes = 0.0
-    """Of each axis towards each other one, 1 sigma between units."""
-    tone_hz: float = 0.0
-    """Frequency of a vibration line."""
-    tone_ug: Axes = 0.0
-    """Its amplitude; its phase is random."""
-    lsb_ug: float | None = None
-    """Output count; null: no rounding."""
-    range_g: float | None = None
-    """Output is clipped to +- this; null: no limit."""
-
-    def __post_init__(self) -> None:
-        _validate(self)
-
-    def triad(self) -> "Triad":
-        return _triad(
-            self,
-            N="noise_ug_per_sqrt_hz",
-            B="bias_instability_ug",
-            K="random_walk_ug_per_sqrt_h",
-            bias_unit="bias_unit_mg",
-            bias_session="bias_session_mg",
-            bias_run="bias_run_mg",
-            tone="tone_ug",
-            lsb="lsb_ug",
-            range="range_g",
-        )
-
-
-@dataclass(frozen=True)
-class ImuConfig:
-    """An IMU: what `conf/imu/*.yaml` holds."""
-
-    name: str = "custom"
-    """How reports call it."""
-    gyro: GyroConfig = field(default_factory=GyroConfig)
-    accel: AccelConfig = field(default_factory=AccelConfig)
-
-
-def _validate(config: GyroConfig | AccelConfig) -> None:
-    for name, value in vars(config).items():
-        if isinstance(value, list):
-            require(len(value) == 3, name, value, "must be one number or three: [x, y, z]")
-        if value is not None:
-            require_not_negative(config, name)
-            if "lsb" in name or "range" in name or "flicker" in name:
-                require_positive(name, value)
-    require(
-        config.flicker_long_s > config.flicker_short_s,
-        "flicker_long_s",
-        config.flicker_long_s,
-        f"must be above flicker_short_s = {config.flicker_short_s}",
-    )
-    tone = next(name for name in vars(config) if name.startswith("tone_") and name != "tone_hz")
-    require(
-        config.tone_hz > 0 or not np.any(getattr(config, tone)),
-        "tone_hz",
-        config.tone_hz,
-        f"must be given for a tone of {tone} = {getattr(config, tone)}",
-    )
-
-
-def _triad(config: GyroConfig | AccelConfig, *, lsb: str, range: str, **keys: str) -> "Triad":
-    """The triad in SI; `keys` says which configured key plays which part."""
-
-    def axes(key: str) -> Triple:
-        value = getattr(config, key)
-        x, y, z = value if isinstance(value, list) else [value] * 3
-        scale = units.factor(key)
-        return (scale * x, scale * y, scale * z)
-
-    def optional(key: str) -> float | None:
-        value = getattr(config, key)
-        return None if value is None else units.factor(key) * value
-
-    return Triad(
-        flicker_corners=(config.flicker_short_s, config.flicker_long_s),
-        scale_unit=axes("scale_unit_ppm"),
-        misalignment_unit=axes("misalignment_unit_mrad"),
-        tone_hz=config.tone_hz,
-        lsb=optional(lsb),
-        range=optional(range),
-        keys={"lsb": lsb, "range": range},
-        **{part: axes(key) for part, key in keys.items()},
-    )
 
 
 @dataclass(frozen=True)
@@ -189,6 +29,8 @@ class TriadErrors:
     bias_session: np.ndarray  # (3,)
     bias_run: np.ndarray  # (3,)
     tone_phase: np.ndarray  # (3,), rad
+    ramp_sign: np.ndarray  # (3,), +-1
+    g_sensitivity: np.ndarray  # (3, 3), output per specific force: zero for accelerometers
 
     @property
     def bias(self) -> np.ndarray:
@@ -207,12 +49,21 @@ class Triad:
     B: Triple
     K: Triple
     flicker_corners: tuple[float, float]
+    Q: Triple
+    R: Triple
+    gauss_markov: Triple
+    gauss_markov_time: Triple
+    line: Triple
+    line_hz: Triple
+    line_width_hz: Triple
+    bandwidth_hz: Triple | None
     bias_unit: Triple
     bias_session: Triple
     bias_run: Triple
     scale_unit: Triple
     misalignment_unit: Triple
-    tone_hz: float
+    g_sensitivity: Triple
+    tone_hz: Triple
     tone: Triple
     lsb: float | None
     range: float | None
@@ -222,35 +73,54 @@ class Triad:
     @cached_property
     def terms(self) -> tuple[gaussian.Gaussians, ...]:
         """The in-run Gaussian terms of each axis; a coefficient of zero is no term."""
-        return tuple(
-            tuple(
-                term
-                for coefficient, term in (
-                    (n, noise.White(n)),
-                    (b, noise.Flicker(b, *self.flicker_corners)),
-                    (k, noise.RandomWalk(k)),
-                )
-                if coefficient > 0
-            )
-            for n, b, k in zip(self.N, self.B, self.K, strict=True)
+        return tuple(self._terms_of(axis) for axis in (0, 1, 2))
+
+    def _terms_of(self, i: int) -> gaussian.Gaussians:
+        white: gaussian.GaussianTerm = noise.White(self.N[i])
+        if self.bandwidth_hz is not None:
+            white = noise.BandLimited(self.N[i], self.bandwidth_hz[i])
+        line = noise.Line(self.line[i], self.line_hz[i], self.line_width_hz[i])
+        every = (
+            (self.N[i], white),
+            (self.B[i], noise.Flicker(self.B[i], *self.flicker_corners)),
+            (self.K[i], noise.RandomWalk(self.K[i])),
+            (self.Q[i], noise.AngleQuantisation(self.Q[i])),
+            (
+                self.gauss_markov[i],
+                noise.GaussMarkov(self.gauss_markov[i], self.gauss_markov_time[i]),
+            ),
+            (self.line[i], line),
         )
+        return tuple(term for coefficient, term in every if coefficient > 0)
+
+    def tone_of(self, i: int) -> noise.Sinusoid:
+        """An axis's tone as it comes out, behind the filter if there is one."""
+        amplitude, f = self.tone[i], self.tone_hz[i]
+        if self.bandwidth_hz is not None:
+            amplitude /= np.sqrt(1 + (f / self.bandwidth_hz[i]) ** 4)
+        return noise.Sinusoid(float(amplitude), f)
 
     def allan_variance(self, tau: np.ndarray, dt: float) -> np.ndarray:
-        """The model's own Allan variance, tau (*S) in s -> (3, *S): terms, tone and rounding."""
+        """The model's own Allan variance, tau (*S) in s -> (3, *S): every in-run term, the tone
+        and rounding."""
         rounding = noise.White(0.0 if self.lsb is None else self.lsb * np.sqrt(dt / 12))
         return np.stack(
             [
-                noise.allan_variance((*terms, rounding, noise.Sinusoid(tone, self.tone_hz)), tau)
-                for terms, tone in zip(self.terms, self.tone, strict=True)
+                noise.allan_variance(
+                    (*terms, rounding, noise.Ramp(self.R[i]), self.tone_of(i)), tau
+                )
+                for i, terms in enumerate(self.terms)
             ]
         )
 
-    def draw_unit(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """A serial number's bias (3,) and matrix M (3, 3)."""
+    def draw_unit(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A serial number's bias (3,), matrix M (3, 3) and g-sensitivity (3, 3)."""
         bias = rng.standard_normal(3) * self.bias_unit
         off_diagonal = rng.standard_normal((3, 3)) * np.array(self.misalignment_unit)[:, None]
         scale = rng.standard_normal(3) * self.scale_unit
-        return bias, np.where(np.eye(3, dtype=bool), np.diag(scale), off_diagonal)
+        g_sensitivity = rng.standard_normal((3, 3)) * np.array(self.g_sensitivity)[:, None]
+        matrix = np.where(np.eye(3, dtype=bool), np.diag(scale), off_diagonal)
+        return bias, matrix, g_sensitivity
 
     def draw_session(self, rng: np.random.Generator) -> np.ndarray:
         """A power-up's bias, (3,)."""
@@ -259,13 +129,15 @@ class Triad:
     def draw_run(
         self,
         rng: np.random.Generator,
-        of_unit: tuple[np.ndarray, np.ndarray],
+        of_unit: tuple[np.ndarray, np.ndarray, np.ndarray],
         of_session: np.ndarray,
     ) -> TriadErrors:
         """What is drawn before a recording starts, joined to what its unit and session fixed."""
         bias = rng.standard_normal(3) * self.bias_run
         phase = rng.uniform(0, 2 * np.pi, 3)
-        return TriadErrors(*of_unit, of_session, bias, phase)
+        sign = rng.choice([-1.0, 1.0], 3)
+        of_unit_bias, matrix, g_sensitivity = of_unit
+        return TriadErrors(of_unit_bias, matrix, of_session, bias, phase, sign, g_sensitivity)
 
     def sample_noise(
         self, rng: np.random.Generator, count: int, n: int, interval: float
@@ -275,13 +147,20 @@ class Triad:
         return np.stack(axes, axis=-1)
 
     def measure(
-        self, rng: np.random.Generator, truth: np.ndarray, errors: TriadErrors, n: int, dt: float
+        self,
+        rng: np.random.Generator,
+        truth: np.ndarray,
+        errors: TriadErrors,
+        n: int,
+        dt: float,
+        force: np.ndarray | None = None,
     ) -> np.ndarray:
         """The n samples the sensor prints, (3, n): int32 counts of `lsb`, or float32 without one.
 
         truth : (3, n), or (3, 1) where it is constant; means over (t_k - dt, t_k].
+        force : the specific force that a gyro is sensitive to, m/s^2, likewise.
         """
-        signal = self._linear(rng, truth, errors, n, dt)
+        signal = self._linear(rng, truth, errors, n, dt, force)
         if self.range is not None:
             np.clip(signal, -self.range, self.range, out=signal)
         if self.lsb is None:
@@ -296,28 +175,39 @@ class Triad:
         n: int,
         dt: float,
         block: int,
+        force: np.ndarray | None = None,
     ) -> np.ndarray:
         """n means over `block` samples each, float32 (3, n), with the law of averaging `measure`.
 
         Rounding enters as the white noise that it is while the samples' noise exceeds half a count;
         `check_means` refuses where it does not, and where the range would clip.
         """
-        means = self._linear(rng, truth, errors, n, dt * block)
+        means = self._linear(rng, truth, errors, n, dt * block, force)
         if self.lsb is not None:
             rounding = self.lsb / np.sqrt(12 * block)
             means += rng.standard_normal((3, n), dtype=np.float32) * np.float32(rounding)
         return means
 
     def _linear(
-        self, rng: np.random.Generator, truth: np.ndarray, errors: TriadErrors, n: int, dt: float
+        self,
+        rng: np.random.Generator,
+        truth: np.ndarray,
+        errors: TriadErrors,
+        n: int,
+        dt: float,
+        force: np.ndarray | None,
     ) -> np.ndarray:
+        """Everything but rounding and clipping: its means over dt have the law of its samples'."""
         constant = (np.eye(3) + errors.matrix) @ truth + errors.bias[:, None]
+        if force is not None:
+            constant = constant + errors.g_sensitivity @ force
         signal = np.empty((3, n), np.float32)
         for axis, terms in enumerate(self.terms):
             signal[axis] = gaussian.sample(terms, rng, (n,), dt)
             if self.tone[axis] > 0:
-                tone = noise.Sinusoid(self.tone[axis], self.tone_hz)
-                signal[axis] += tone.at_phase(errors.tone_phase[axis], n, dt)
+                signal[axis] += self.tone_of(axis).at_phase(errors.tone_phase[axis], n, dt)
+            if self.R[axis] > 0:
+                signal[axis] += noise.Ramp(self.R[axis]).with_sign(errors.ramp_sign[axis], n, dt)
         signal += constant
         return signal
 

@@ -1,0 +1,260 @@
+"""An IMU in datasheet units: what `conf/imu/*.yaml` holds, and its one conversion to SI."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lbgc import units
+from lbgc.errors import Axes, require, require_not_negative
+from lbgc.sensor.imu import Triad, Triple
+
+
+@dataclass(frozen=True)
+class GyroConfig:
+    """A gyro triad in datasheet units. A figure is one number or three: forward, right, down."""
+
+    arw_deg_per_sqrt_h: Axes | None = None
+    """Angle random walk N; null: see the next."""
+    noise_deg_per_s_per_sqrt_hz: Axes | None = None
+    """Or as a one-sided rate noise density: N is this over sqrt(2). Null in both: none."""
+    bias_instability_deg_per_h: Axes = 0.0
+    """B; the Allan floor is 0.664 of it."""
+    rrw_deg_per_h_per_sqrt_h: Axes = 0.0
+    """Rate random walk K."""
+    quantisation_arcsec: Axes = 0.0
+    """Quantisation of the integrated output, IEEE Std 952's Q: a carried count over sqrt(12)."""
+    ramp_deg_per_h_per_h: Axes = 0.0
+    """Drift R of the rate, its sign new in every recording."""
+    gauss_markov_deg_per_h: Axes = 0.0
+    """1 sigma of a first-order Gauss-Markov process."""
+    gauss_markov_s: Axes = 100.0
+    """Its correlation time."""
+    line_deg_per_h: Axes = 0.0
+    """Rms of a line that wanders about its frequency."""
+    line_hz: Axes = 0.0
+    """Its centre."""
+    line_width_hz: Axes = 0.0
+    """Its full width at half power."""
+    bandwidth_hz: Axes | None = None
+    """-3 dB of the second-order low-pass behind which the white noise and the tone come out; null:
+    the mean over the sample's interval alone."""
+    g_sensitivity_deg_per_h_per_g: Axes = 0.0
+    """Of each gyro to specific force along each axis, 1 sigma between units."""
+    flicker_short_s: float = 1.0
+    """Shortest averaging time of the bias instability's flat floor."""
+    flicker_long_s: float = 3600.0
+    """Longest averaging time of that floor."""
+    bias_unit_deg_per_h: Axes = 0.0
+    """1 sigma between units, for a unit's life."""
+    bias_session_deg_per_h: Axes = 0.0
+    """1 sigma between power-ups."""
+    bias_run_deg_per_h: Axes = 0.0
+    """1 sigma between recordings."""
+    scale_unit_ppm: Axes = 0.0
+    """Scale factor error, 1 sigma between units."""
+    misalignment_unit_mrad: Axes = 0.0
+    """Of each axis towards each other one, 1 sigma between units."""
+    tone_hz: Axes = 0.0
+    """Frequency of a steady vibration."""
+    tone_deg_per_h: Axes = 0.0
+    """Its amplitude; its phase is random."""
+    rate_lsb_deg_per_s: float | None = None
+    """Output count; null: no rounding."""
+    range_deg_per_s: float | None = None
+    """Output is clipped to +- this; null: no limit."""
+
+    def __post_init__(self) -> None:
+        _validate(self)
+
+    def triad(self) -> Triad:
+        return _triad(
+            self,
+            ("arw_deg_per_sqrt_h", "noise_deg_per_s_per_sqrt_hz"),
+            Q="quantisation_arcsec",
+            R="ramp_deg_per_h_per_h",
+            gauss_markov="gauss_markov_deg_per_h",
+            line="line_deg_per_h",
+            g_sensitivity="g_sensitivity_deg_per_h_per_g",
+            B="bias_instability_deg_per_h",
+            K="rrw_deg_per_h_per_sqrt_h",
+            bias_unit="bias_unit_deg_per_h",
+            bias_session="bias_session_deg_per_h",
+            bias_run="bias_run_deg_per_h",
+            tone="tone_deg_per_h",
+            lsb="rate_lsb_deg_per_s",
+            range="range_deg_per_s",
+        )
+
+
+@dataclass(frozen=True)
+class AccelConfig:
+    """An accelerometer triad in datasheet units, as `GyroConfig`."""
+
+    noise_ug_per_sqrt_hz: Axes | None = None
+    """Noise density as datasheets print it, one-sided: N is this over sqrt(2)."""
+    vrw_m_per_s_per_sqrt_h: Axes | None = None
+    """Or as velocity random walk N. Null in both: no white noise."""
+    bias_instability_ug: Axes = 0.0
+    """B; the Allan floor is 0.664 of it."""
+    random_walk_ug_per_sqrt_h: Axes = 0.0
+    """Acceleration random walk K."""
+    quantisation_ug_s: Axes = 0.0
+    """Quantisation of the integrated output, IEEE Std 952's Q: a carried count over sqrt(12)."""
+    ramp_ug_per_h: Axes = 0.0
+    """Drift R of the rate, its sign new in every recording."""
+    gauss_markov_ug: Axes = 0.0
+    """1 sigma of a first-order Gauss-Markov process."""
+    gauss_markov_s: Axes = 100.0
+    """Its correlation time."""
+    line_ug: Axes = 0.0
+    """Rms of a line that wanders about its frequency."""
+    line_hz: Axes = 0.0
+    """Its centre."""
+    line_width_hz: Axes = 0.0
+    """Its full width at half power."""
+    bandwidth_hz: Axes | None = None
+    """-3 dB of the second-order low-pass behind which the white noise and the tone come out; null:
+    the mean over the sample's interval alone."""
+    flicker_short_s: float = 1.0
+    """Shortest averaging time of the bias instability's flat floor."""
+    flicker_long_s: float = 3600.0
+    """Longest averaging time of that floor."""
+    bias_unit_mg: Axes = 0.0
+    """1 sigma between units, for a unit's life."""
+    bias_session_mg: Axes = 0.0
+    """1 sigma between power-ups."""
+    bias_run_mg: Axes = 0.0
+    """1 sigma between recordings."""
+    scale_unit_ppm: Axes = 0.0
+    """Scale factor error, 1 sigma between units."""
+    misalignment_unit_mrad: Axes = 0.0
+    """Of each axis towards each other one, 1 sigma between units."""
+    tone_hz: Axes = 0.0
+    """Frequency of a steady vibration."""
+    tone_ug: Axes = 0.0
+    """Its amplitude; its phase is random."""
+    lsb_ug: float | None = None
+    """Output count; null: no rounding."""
+    range_g: float | None = None
+    """Output is clipped to +- this; null: no limit."""
+
+    def __post_init__(self) -> None:
+        _validate(self)
+
+    def triad(self) -> Triad:
+        return _triad(
+            self,
+            ("noise_ug_per_sqrt_hz", "vrw_m_per_s_per_sqrt_h"),
+            Q="quantisation_ug_s",
+            R="ramp_ug_per_h",
+            gauss_markov="gauss_markov_ug",
+            line="line_ug",
+            B="bias_instability_ug",
+            K="random_walk_ug_per_sqrt_h",
+            bias_unit="bias_unit_mg",
+            bias_session="bias_session_mg",
+            bias_run="bias_run_mg",
+            tone="tone_ug",
+            lsb="lsb_ug",
+            range="range_g",
+        )
+
+
+@dataclass(frozen=True)
+class ImuConfig:
+    """An IMU: what `conf/imu/*.yaml` holds."""
+
+    name: str = "custom"
+    """How reports call it."""
+    gyro: GyroConfig = field(default_factory=GyroConfig)
+    accel: AccelConfig = field(default_factory=AccelConfig)
+
+
+_MUST_BE_POSITIVE = ("lsb", "range", "flicker", "bandwidth", "gauss_markov_s")
+
+
+def _validate(config: GyroConfig | AccelConfig) -> None:
+    for name, value in vars(config).items():
+        if isinstance(value, list):
+            require(len(value) == 3, name, value, "must be one number or three: [x, y, z]")
+        if value is not None:
+            require_not_negative(config, name)
+            if any(part in name for part in _MUST_BE_POSITIVE):
+                lowest = min(value) if isinstance(value, list) else value
+                require(lowest > 0, name, value, "must be greater than zero")
+    require(
+        config.flicker_long_s > config.flicker_short_s,
+        "flicker_long_s",
+        config.flicker_long_s,
+        f"must be above flicker_short_s = {config.flicker_short_s}",
+    )
+    for what, needs in (("tone", ("tone_hz",)), ("line", ("line_hz", "line_width_hz"))):
+        size = next(n for n in vars(config) if n.startswith(f"{what}_") and "hz" not in n)
+        for name in needs:
+            given = np.broadcast_to(getattr(config, name), 3) > 0
+            asked = np.broadcast_to(getattr(config, size), 3) > 0
+            require(
+                bool((given | ~asked).all()),
+                name,
+                getattr(config, name),
+                f"must be given for {size} = {getattr(config, size)}",
+            )
+
+
+def _axes(config: GyroConfig | AccelConfig, key: str) -> Triple:
+    value = getattr(config, key)
+    x, y, z = value if isinstance(value, list) else [value] * 3
+    scale = units.factor(key)
+    return (scale * x, scale * y, scale * z)
+
+
+def _white(config: GyroConfig | AccelConfig, keys: tuple[str, str]) -> Triple:
+    """N from whichever of the two keys is given; both must agree within 15%."""
+    given = {key: _axes(config, key) for key in keys if getattr(config, key) is not None}
+    if not given:
+        return (0.0, 0.0, 0.0)
+    first, *rest = given.values()
+    for other in rest:
+        agree = np.allclose(first, other, rtol=0.15, atol=0.0)
+        in_its_unit = np.divide(first, units.factor(keys[1])).round(9).tolist()
+        require(
+            bool(agree),
+            keys[1],
+            getattr(config, keys[1]),
+            f"disagrees by over 15% with {keys[0]} = {getattr(config, keys[0])}, which is "
+            f"{in_its_unit} in this unit; give one of them",
+        )
+    return first
+
+
+def _triad(
+    config: GyroConfig | AccelConfig,
+    white: tuple[str, str],
+    *,
+    lsb: str,
+    range: str,
+    g_sensitivity: str | None = None,
+    **keys: str,
+) -> Triad:
+    """The triad in SI; the arguments say which configured key plays which part."""
+
+    def optional(key: str) -> float | None:
+        value = getattr(config, key)
+        return None if value is None else units.factor(key) * value
+
+    return Triad(
+        N=_white(config, white),
+        flicker_corners=(config.flicker_short_s, config.flicker_long_s),
+        gauss_markov_time=_axes(config, "gauss_markov_s"),
+        line_hz=_axes(config, "line_hz"),
+        line_width_hz=_axes(config, "line_width_hz"),
+        bandwidth_hz=None if config.bandwidth_hz is None else _axes(config, "bandwidth_hz"),
+        scale_unit=_axes(config, "scale_unit_ppm"),
+        misalignment_unit=_axes(config, "misalignment_unit_mrad"),
+        g_sensitivity=_axes(config, g_sensitivity) if g_sensitivity else (0.0, 0.0, 0.0),
+        tone_hz=_axes(config, "tone_hz"),
+        lsb=optional(lsb),
+        range=optional(range),
+        keys={"lsb": lsb, "range": range},
+        **{part: _axes(config, key) for part, key in keys.items()},
+    )

@@ -1,0 +1,104 @@
+"""A static series' cosine transform, as the noise likelihood takes it.
+
+The orthonormal DCT-II coefficients are used as independent normal numbers. Cosines suit that: a
+random walk's are nearly independent on an interval whose mean was removed (they are its
+eigenfunctions in continuous time), white noise's exactly, and the constant bias is the one
+coefficient left out.
+
+Low frequencies are taken from block means, whose variances the model gives exactly, start of the
+random walk and corners of the flicker included. High frequencies are taken from the samples and
+gathered into bins: within a bin the spectrum is smooth, so its power is all that matters.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+import scipy.stats
+
+_BLOCKS = 1024
+_BINS_PER_E_FOLD = 40
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A spectral line too narrow to resolve: a sinusoid."""
+
+    f: float
+    """Hz"""
+    amplitude: float
+    """unit"""
+
+
+@dataclass(frozen=True)
+class Ordinates:
+    """A series' cosine transform, as the likelihood takes it. Powers are unit^2 s (as a PSD)."""
+
+    n: int
+    dt: float
+    block: int
+    low: np.ndarray
+    """(K,), of block means, coefficients 1..K (not squared), over sqrt of the sample rate."""
+    f: np.ndarray
+    """(M,), Hz, of the high-frequency bins"""
+    power: np.ndarray
+    """(M,), sum of squares in a bin"""
+    count: np.ndarray
+    """(M,), how many"""
+    tones: tuple[Tone, ...] = ()
+    """Found and left out of the bins."""
+
+    @property
+    def blocks(self) -> int:
+        return self.n // self.block
+
+    @property
+    def interval(self) -> float:
+        return self.dt * self.block
+
+
+def ordinates(series: np.ndarray, dt: float) -> Ordinates:
+    """series : (n,), unit; dt : s."""
+    block = max(1, len(series) // _BLOCKS)
+    blocks = len(series) // block
+    y = np.asarray(series[: blocks * block], dtype=float) - np.mean(series, dtype=float)
+    low = scipy.fft.dct(y.reshape(blocks, block).mean(axis=1), norm="ortho")
+    split = blocks if block == 1 else blocks // 2
+    low = low[1:split] * np.sqrt(dt * block)
+    fine = np.square(scipy.fft.dct(y, norm="ortho")[split:]) * dt
+    k = np.arange(split, len(y))
+    tones, plain = _tones(fine, k, len(y), dt)
+    k, fine = k[plain], fine[plain]
+    bins = int(_BINS_PER_E_FOLD * np.log(len(y) / split)) + 2
+    edges = np.unique(np.geomspace(split, len(y), bins).round().astype(int))
+    which = np.searchsorted(edges, k, side="right")
+    count = np.bincount(which, minlength=len(edges) + 1)
+    used = count > 0
+    count, power = count[used], np.bincount(which, fine, minlength=len(edges) + 1)[used]
+    middle = np.bincount(which, k, minlength=len(edges) + 1)[used] / count
+    return Ordinates(len(y), dt, block, low, middle / (2 * len(y) * dt), power, count, tones)
+
+
+def _tones(
+    fine: np.ndarray, k: np.ndarray, n: int, dt: float
+) -> tuple[tuple[Tone, ...], np.ndarray]:
+    """Sinusoids among the ordinates, and which ordinates are free of them.
+
+    An ordinate over its neighbourhood's median (0.455 of the mean of chi^2_1) is a tone's where
+    noise would give one such in a hundred recordings. A sinusoid's energy, n amplitude^2/2, falls
+    into a handful of neighbours.
+    """
+    width = 200
+    groups = max(1, len(fine) // width)
+    medians = np.median(fine[: groups * width].reshape(groups, -1), axis=1)
+    level = np.interp(np.arange(len(fine)), (np.arange(groups) + 0.5) * width, medians) / 0.455
+    peaks = np.flatnonzero(fine > level * scipy.stats.chi2.isf(0.01 / len(fine), 1))
+    plain = np.ones(len(fine), bool)
+    found = []
+    for cluster in np.split(peaks, np.flatnonzero(np.diff(peaks) > 20) + 1) if len(peaks) else []:
+        around = slice(max(cluster[0] - 6, 0), cluster[-1] + 7)
+        excess = max(float(np.sum(fine[around] - level[around])), 0.0)
+        plain[around] = False
+        top = cluster[np.argmax(fine[cluster])]
+        found.append(Tone(float(k[top] / (2 * n * dt)), float(np.sqrt(2 * excess / dt / n))))
+    return tuple(found), plain
