@@ -9,6 +9,7 @@ import torch
 from helpers import composed, default_config, generate
 
 import lbgc.evaluate
+import lbgc.fit
 import lbgc.train
 import sim.generate
 import sim.scene
@@ -19,6 +20,7 @@ torch.set_num_threads(1)  # the tests run on two processes
 ENTRY_POINTS = {
     "sim.generate": (sim.generate.main, sim.generate.GenerateConfig, "generate"),
     "sim.scene": (sim.scene.picture, sim.scene.PictureConfig, "scene_picture"),
+    "lbgc.fit": (lbgc.fit.main, lbgc.fit.FitConfig, "fit"),
     "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),
     "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),
 }

@@ -35,12 +35,18 @@ MAY_IMPORT = {
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }
-ENTRY_POINTS = ("lbgc/train.py", "lbgc/evaluate.py", "sim/generate.py", "sim/scene.py")
+ENTRY_POINTS = (
+    "lbgc/fit.py",
+    "lbgc/train.py",
+    "lbgc/evaluate.py",
+    "sim/generate.py",
+    "sim/scene.py",
+)
 ROOMS = {
     "zarr": {"lbgc/data/store.py"},
     "pyarrow": {"lbgc/data/logs.py"},
     "mujoco": {"sim/scene.py", "sim/motion.py"},
-    "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py"},
+    "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py", "lbgc/report/allan_page.py"},
     "hydra": {"lbgc/errors.py"},
     "omegaconf": {"lbgc/errors.py"},
     "allantools": {"lbgc/sensor/allan.py"},

@@ -13,17 +13,34 @@ def octave_taus(n: int, dt: float, most: float = 0.25) -> np.ndarray:
 def overlapping_deviation(rates: np.ndarray, dt: float, taus: np.ndarray) -> np.ndarray:
     """Overlapping Allan deviation of rate-like samples, pooled over recordings.
 
-    rates : (R, n, 3), rad/s or m/s^2, R recordings of one kind; dt : s; taus : (K,), s, each
-    a whole multiple of dt. Returns (3, K): the root of the mean variance over recordings.
+    rates : (R, n, A), rad/s or m/s^2, R recordings of A axes; dt : s; taus : (K,), s, each a
+    whole multiple of dt. Returns (A, K): the root of the mean variance over recordings.
 
     The paper's eq. 25 lacks the 1/tau^2 that makes it IEEE Std 952's; this is the standard's.
     """
-    variances = np.empty((len(rates), 3, len(taus)))
+    variances = np.empty((len(rates), rates.shape[2], len(taus)))
     for r, record in enumerate(rates):
-        for axis in range(3):
+        for axis in range(rates.shape[2]):
             _, deviation, _, _ = allantools.oadev(
                 record[:, axis].astype(float), rate=1 / dt, data_type="freq", taus=taus
             )
             variances[r, axis, : len(deviation)] = deviation**2
             variances[r, axis, len(deviation) :] = np.nan
     return np.sqrt(variances.mean(axis=0))
+
+
+def confidence_band(
+    deviation: np.ndarray, taus: np.ndarray, n: int, dt: float, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """95% band of an overlapping Allan deviation, by the degrees of freedom of its noise type.
+
+    deviation, taus, slopes : (K,); slopes are the model's, of log deviation against log tau: they
+    tell the noise type at each tau. n : samples of the one series. Returns low, high, (K,).
+    """
+    low, high = np.empty_like(deviation), np.empty_like(deviation)
+    for k, (value, tau, slope) in enumerate(zip(deviation, taus, slopes, strict=True)):
+        # slope -1: phase noise (alpha 2), -1/2: white rate (0), 0: flicker (-1), 1/2: walk (-2)
+        alpha = int(np.clip(np.round(-2 * slope - 1), -2, 0)) if slope > -0.75 else 2
+        freedom = allantools.edf_greenhall(alpha, 2, round(tau / dt), n + 1, overlapping=True)
+        low[k], high[k] = allantools.confidence_interval(value, freedom, ci=0.95)
+    return low, high

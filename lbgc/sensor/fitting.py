@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.fft
+import scipy.ndimage
 import scipy.optimize
 
 from lbgc.sensor import gaussian
@@ -135,14 +136,15 @@ class Likelihood:
     def __init__(self, data: Ordinates, shapes: list[Shape]):
         self.data, self.shapes = data, shapes
         self.names = [name for shape in shapes for name in shape.names]
-        self.count = np.concatenate([np.ones(len(data.low)), data.count])
-        self.power = np.concatenate([data.low**2, data.power])
+        recordings, self.lows = data.low.shape
+        self.count = np.concatenate([np.full(self.lows, recordings), data.count])
+        self.power = np.concatenate([np.sum(data.low**2, axis=0), data.power])
 
     def unit_variance(self, shape: Shape, parameters: Sequence[float]) -> np.ndarray:
         """Of a term with coefficient one, at every ordinate: unit^2 s."""
         d = self.data
         term = shape.unit_term(parameters)
-        low = _low_variance(term, d.blocks, d.interval, len(d.low))
+        low = _low_variance(term, d.blocks, d.interval, self.lows)
         return np.concatenate([low, _high_cached(term, d.f.tobytes(), d.dt)])
 
     def variance(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -224,15 +226,24 @@ def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = N
 def choose(data: Ordinates, corners: tuple[float, float] = (1.0, 3600.0)) -> Fit:
     """Fit the core and whatever else the Bayesian information criterion prefers, one by one:
     angle quantisation, an output filter, narrow-band lines, a Gauss-Markov process."""
-    shapes, start = core(corners), {"bandwidth": 0.3 / data.dt}
-    best = _bic(data, shapes, start)
+    best = _bic(data, core(corners), {})
     for _ in range(4):
         trials = [_bic(data, *option) for option in _extensions(data, best)]
+        trials = [t for t in trials if _is_sensible(t.start, data)]
         better = min(trials, key=lambda trial: trial.bic, default=best)
         if better.bic > best.bic - _WORTH:
             break
         best = better
     return fit(data, best.shapes, best.start)
+
+
+def _is_sensible(values: dict[str, float], data: Ordinates) -> bool:
+    """Whether each part is what its name says, and does not mend another part's shape: a line is
+    narrow but resolved, a Gauss-Markov process slower than the samples and not the whole log."""
+    duration = data.n * data.dt
+    f0, width = values.get("line_f0", 1.0), values.get("line_width", 0.1)
+    time = values.get("GM_T", 0.1 * duration)
+    return 3 / duration < width <= 0.3 * f0 and 10 * data.dt <= time <= 0.3 * duration
 
 
 @dataclass(frozen=True)
@@ -250,31 +261,41 @@ def _bic(data: Ordinates, shapes: list[Shape], start: dict[str, float]) -> _Tria
     likelihood = Likelihood(data, shapes)
     p, best = likelihood.minimise(_start(data, shapes, start))
     v, _ = likelihood.variance(p)
-    ratio = (likelihood.power / likelihood.count / v)[len(data.low) :]
+    ratio = (likelihood.power / likelihood.count / v)[likelihood.lows :]
     values = dict(zip(likelihood.names, np.exp(p), strict=True))
-    return _Trial(shapes, {**start, **values}, likelihood.bic(best), ratio)
+    return _Trial(shapes, values, likelihood.bic(best), ratio)
 
 
 def _extensions(data: Ordinates, best: _Trial) -> list[tuple[list[Shape], dict[str, float]]]:
-    """The model with one part more, each way."""
+    """The model with one part more, each way; a filter also together with a line, since either
+    may hide the other. Shapes found so far are kept as guesses, and coefficients guessed afresh:
+    a model that lacked a part may have pushed them to zero."""
     names = {shape.names for shape in best.shapes}
+    coefficients = {shape.names[0] for shape in best.shapes}
+    known = {n: v for n, v in best.start.items() if n not in coefficients}
+    filtered = [*(s for s in best.shapes if s.names != ("N",)), FILTERED_WHITE]
     options = []
     if QUANTISATION.names not in names:
-        options.append(([*best.shapes, QUANTISATION], best.start))
+        options.append(([*best.shapes, QUANTISATION], known))
     if FILTERED_WHITE.names not in names:
-        kept = [shape for shape in best.shapes if shape.names != ("N",)]
-        options.append(([*kept, FILTERED_WHITE], best.start))
+        options += [(filtered, {**known, "bandwidth": b / data.dt}) for b in (0.1, 0.3, 1.0)]
     if GAUSS_MARKOV.names not in names:
-        for time in (3.0, 30.0, 300.0):
-            options.append(([*best.shapes, GAUSS_MARKOV], {**best.start, "GM_T": time}))
+        options += [
+            ([*best.shapes, GAUSS_MARKOV], {**known, "GM_T": time}) for time in (3.0, 30.0, 300.0)
+        ]
     if LINE.names not in names:
-        inside = data.count > 3
-        z = (best.ratio - 1) * np.sqrt(data.count / 2)
-        at = int(np.argmax(np.where(inside, z, -np.inf)))
-        f0 = float(data.f[at])
-        for width in (0.01 * f0, 0.1 * f0):
-            guess = {"line_f0": f0, "line_width": width}
-            options.append(([*best.shapes, LINE], {**best.start, **guess}))
+        local = scipy.ndimage.median_filter(data.power / data.count, 15, mode="nearest")
+        excess = [best.ratio - 1, data.power / data.count / local - 1]
+        peaks = {
+            int(np.argmax(np.where(data.count > 3, e * np.sqrt(data.count), 0))) for e in excess
+        }
+        for f0 in (float(data.f[at]) for at in peaks):
+            for width in (0.01 * f0, 0.1 * f0):
+                guess = {**known, "line_f0": f0, "line_width": width}
+                options.append(([*best.shapes, LINE], guess))
+                if FILTERED_WHITE.names not in names:
+                    both = {**guess, "bandwidth": 0.3 / data.dt}
+                    options.append(([*filtered, LINE], both))
     return options
 
 
@@ -282,9 +303,9 @@ def _ramp(likelihood: Likelihood, p: np.ndarray) -> Estimate:
     """Generalised least squares of a straight line in the low coefficients."""
     d = likelihood.data
     time = (np.arange(d.blocks) + 0.5) * d.interval
-    line = scipy.fft.dct(time, norm="ortho")[1 : len(d.low) + 1] * np.sqrt(d.interval)
-    weights = line / likelihood.variance(p)[0][: len(d.low)]
-    slope, sigma = weights @ d.low / (weights @ line), 1 / np.sqrt(weights @ line)
+    line = scipy.fft.dct(time, norm="ortho")[1 : likelihood.lows + 1] * np.sqrt(d.interval)
+    weights = line / likelihood.variance(p)[0][: likelihood.lows]
+    slope, sigma = weights @ d.low[0] / (weights @ line), 1 / np.sqrt(weights @ line)
     size = float(abs(slope))
     low = size - 1.96 * sigma if size > 1.96 * sigma else 0.0
     return Estimate(size, float(low), float(size + 1.96 * sigma), float(size + 1.645 * sigma))
@@ -300,27 +321,32 @@ def _first_guess(data: Ordinates, shape: Shape, name: str, given: dict[str, floa
         return given[name]
     top = data.f > 0.05 * data.f[-1]
     white = np.sqrt(np.sum(data.power[top]) / np.sum(data.count[top]))
+    if name == "N" and "bandwidth" in shape.names:
+        middle = data.f < 0.1 * data.f[-1]
+        return float(np.sqrt(np.median(data.power[middle] / data.count[middle])))
     if name == "N":
         return float(white)
     if name == "Q":
         return float(white * np.sqrt(data.dt) / 10)
     # As much as the lowest twenty coefficients hold, shared.
-    low = np.mean(data.low[:20] ** 2)
+    low = np.mean(data.low[:, :20] ** 2)
     others = tuple(given[n] for n in shape.names[1:])
-    unit = _low_variance(shape.unit_term(others), data.blocks, data.interval, len(data.low))
+    unit = _low_variance(shape.unit_term(others), data.blocks, data.interval, data.low.shape[1])
     return float(np.sqrt(max(low, 1e-3 * white**2) / unit[:20].mean() / 2))
 
 
 def _interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Estimate:
     """The profile likelihood's limits of exp(p[i])."""
     centre = float(p[i])
-    warm = {centre: p}
+    warm, known = {centre: p}, {centre: 0.0}
 
     def excess(x: float) -> float:
         """Likelihood ratio at the fixed log-value, the others maximised."""
-        nearest = min(warm, key=lambda at: abs(at - x))
-        warm[x], value = likelihood.minimise(warm[nearest], {i: x})
-        return 2 * (value - best)
+        if x not in known:
+            nearest = min(warm, key=lambda at: abs(at - x))
+            warm[x], value = likelihood.minimise(warm[nearest], {i: x})
+            known[x] = 2 * (value - best)
+        return known[x]
 
     is_shape = likelihood.names[i] not in {shape.names[0] for shape in likelihood.shapes}
     at_zero = np.inf if is_shape else excess(centre - 30.0)

@@ -216,7 +216,10 @@ class Triad:
 
         name : the triad's key, for the message; largest_truth : of its rate or force, SI.
         """
-        quietest = min(self.N) / np.sqrt(dt)
+        quietest = min(
+            float(np.sqrt(gaussian.covariance_of_means(terms[:1], 1, dt)[0, 0])) if terms else 0.0
+            for terms in self.terms
+        )
         if self.lsb is not None and quietest < self.lsb / 2:
             self._refuse_means(name, "lsb", quietest, "the samples' noise is", "has a dead band")
         loudest = largest_truth + 6 * max(self.N) / np.sqrt(dt) + max(self.tone)

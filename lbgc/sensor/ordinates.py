@@ -10,7 +10,7 @@ random walk and corners of the flicker included. High frequencies are taken from
 gathered into bins: within a bin the spectrum is smooth, so its power is all that matters.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
@@ -38,7 +38,8 @@ class Ordinates:
     dt: float
     block: int
     low: np.ndarray
-    """(K,), of block means, coefficients 1..K (not squared), over sqrt of the sample rate."""
+    """(R, K), of block means, coefficients 1..K of each recording (not squared), times the square
+    root of the block's length."""
     f: np.ndarray
     """(M,), Hz, of the high-frequency bins"""
     power: np.ndarray
@@ -57,6 +58,25 @@ class Ordinates:
         return self.dt * self.block
 
 
+def pooled(series: np.ndarray, dt: float) -> Ordinates:
+    """Of several recordings of one process. series : (R, n), unit; dt : s."""
+    each = [ordinates(one, dt) for one in series]
+    if len(each) == 1:
+        return each[0]
+    first = each[0]
+    # Tones leave holes of their own in each recording, so bins are matched by their index.
+    bins = [np.round(np.log(o.f) * 1e4).astype(int) for o in each]
+    common = set(bins[0]).intersection(*bins[1:])
+    pick = [np.array([b in common for b in own]) for own in bins]
+    return replace(
+        first,
+        low=np.concatenate([o.low for o in each]),
+        f=first.f[pick[0]],
+        power=np.sum([o.power[p] for o, p in zip(each, pick, strict=True)], axis=0),
+        count=np.sum([o.count[p] for o, p in zip(each, pick, strict=True)], axis=0),
+    )
+
+
 def ordinates(series: np.ndarray, dt: float) -> Ordinates:
     """series : (n,), unit; dt : s."""
     block = max(1, len(series) // _BLOCKS)
@@ -64,7 +84,7 @@ def ordinates(series: np.ndarray, dt: float) -> Ordinates:
     y = np.asarray(series[: blocks * block], dtype=float) - np.mean(series, dtype=float)
     low = scipy.fft.dct(y.reshape(blocks, block).mean(axis=1), norm="ortho")
     split = blocks if block == 1 else blocks // 2
-    low = low[1:split] * np.sqrt(dt * block)
+    low = low[None, 1:split] * np.sqrt(dt * block)
     fine = np.square(scipy.fft.dct(y, norm="ortho")[split:]) * dt
     k = np.arange(split, len(y))
     tones, plain = _tones(fine, k, len(y), dt)

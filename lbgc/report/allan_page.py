@@ -1,0 +1,105 @@
+"""The Allan figures of a static recording: with the fitted terms, and as the paper's."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from lbgc.earth import EARTH_RATE
+from lbgc.report.figures import AXIS_COLOURS, AXIS_NAMES
+from lbgc.sensor import noise
+from lbgc.sensor.allan import confidence_band, octave_taus, overlapping_deviation
+from lbgc.sensor.fitting import Fit
+from lbgc.units import DEG, HOUR, STANDARD_GRAVITY
+
+_UNIT = {"gyro": (DEG / HOUR, "deg/h"), "accel": (1e-6 * STANDARD_GRAVITY, "ug")}
+
+
+@dataclass(frozen=True)
+class AllanData:
+    part: str
+    """gyro or accel"""
+    series: np.ndarray
+    """(R, n, 3), SI"""
+    dt: float
+    latitude: float
+
+
+def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
+    """Figures by file name."""
+    taus = octave_taus(data.series.shape[1], data.dt)
+    measured = overlapping_deviation(data.series[:16], data.dt, taus)
+    drawn = {f"allan_{data.part}": _with_terms(data, fits, taus, measured)}
+    if data.part == "gyro":
+        drawn["allan_paper"] = _as_the_paper(data, fits, taus, measured)
+    return drawn
+
+
+def _terms(fit: Fit) -> tuple:
+    tones = tuple(noise.Sinusoid(t.amplitude, t.f) for t in fit.tones)
+    ramp = () if fit.ramp.is_limit else (noise.Ramp(fit.ramp.value),)
+    return (*fit.terms(), *ramp, *tones)
+
+
+def _with_terms(
+    data: AllanData, fits: Sequence[Fit], taus: np.ndarray, measured: np.ndarray
+) -> Figure:
+    """Measured deviation with its 95% band, the fitted curve, and each term."""
+    scale, unit = _UNIT[data.part]
+    figure = Figure(figsize=(12, 4.4), layout="constrained")
+    fine = np.geomspace(taus[0], taus[-1], 2000)
+    for axis, (fit, name) in enumerate(zip(fits, AXIS_NAMES, strict=True)):
+        axes = figure.add_subplot(1, 3, axis + 1)
+        curve = np.sqrt(noise.allan_variance(_terms(fit), fine))
+        slopes = np.interp(taus, fine, np.gradient(np.log(curve), np.log(fine)))
+        band = confidence_band(measured[axis], taus, data.series.shape[1], data.dt, slopes)
+        axes.fill_between(
+            taus, band[0] / scale, band[1] / scale, color=AXIS_COLOURS[axis], alpha=0.2
+        )
+        axes.loglog(taus, measured[axis] / scale, "o", color=AXIS_COLOURS[axis], markersize=3.5,
+                    label="measured, 95%")  # fmt: skip
+        axes.loglog(fine, curve / scale, color="black", linewidth=1.2, label="fit")
+        for term in _terms(fit):
+            deviation = np.sqrt(term.allan_variance(fine)) / scale
+            axes.loglog(fine, deviation, "--", linewidth=0.8, label=type(term).__name__)
+        lowest = measured[axis].min() / scale
+        axes.set_ylim(lowest / 5, measured[axis].max() / scale * 3)
+        axes.set(title=f"{data.part} {name}", xlabel="averaging time, s", ylabel=unit)
+        axes.grid(True, which="both", color="0.92", linewidth=0.5)
+        axes.legend(fontsize="x-small")
+    return figure
+
+
+def _as_the_paper(
+    data: AllanData, fits: Sequence[Fit], taus: np.ndarray, measured: np.ndarray
+) -> Figure:
+    """The paper's three: deviation between Earth's rate and the square root of the CRLB (white
+    noise alone, N/sqrt(tau)), SNR = 20 log10(Omega/sigma(tau)), and the running mean's norm."""
+    scale, _ = _UNIT["gyro"]
+    figure = Figure(figsize=(13, 4.2), layout="constrained")
+    allan, snr, running = (figure.add_subplot(1, 3, i) for i in (1, 2, 3))
+    for axis, name in enumerate(AXIS_NAMES):
+        colour = AXIS_COLOURS[axis]
+        allan.loglog(taus, measured[axis] / scale, "o-", color=colour, markersize=3, label=name)
+        snr.semilogx(taus, 20 * np.log10(EARTH_RATE / measured[axis]), color=colour, label=name)
+    white = float(np.mean([fit.estimates["N"].value for fit in fits]))
+    allan.axhline(EARTH_RATE / scale, color="green", linestyle="--", label="Earth's rate")
+    allan.loglog(taus, white / np.sqrt(taus) / scale, color="brown", linestyle="--", label="√CRLB")
+    allan.set(title="Allan deviation", xlabel="averaging time, s", ylabel="deg/h")
+    snr.axhline(0, color="0.5", linewidth=0.8)
+    snr.set(title="SNR of the sample mean", xlabel="averaging time, s", ylabel="dB")
+    series = data.series[0]
+    at = np.unique(np.geomspace(1, len(series), 400).astype(int))
+    means = np.cumsum(series, axis=0)[at - 1] / at[:, None]
+    norm = np.linalg.norm(means, axis=1) / scale
+    spread = np.sqrt(3) * white / np.sqrt(at * data.dt) / scale
+    running.fill_between(at * data.dt, norm - spread, norm + spread, alpha=0.2)
+    running.semilogx(at * data.dt, norm, label="norm of the mean")
+    running.axhline(EARTH_RATE / scale, color="green", linestyle="--", label="Earth's rate")
+    running.set(title="Sensitivity to Earth's rate", xlabel="averaging time, s", ylabel="deg/h")
+    running.set_ylim(0, max(3 * EARTH_RATE / scale, 1.5 * norm[-1]))
+    for axes in (allan, snr, running):
+        axes.grid(True, which="both", color="0.92", linewidth=0.5)
+        axes.legend(fontsize="x-small")
+    return figure

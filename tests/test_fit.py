@@ -1,0 +1,204 @@
+"""The fit says the truth, with intervals, or says that it cannot tell."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import yaml
+from helpers import composed, generate, needs_recording
+from test_logs import write
+
+import lbgc.fit
+from lbgc.errors import build
+from lbgc.fit import FitConfig
+from lbgc.sensor import fitting, gaussian
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.noise import (
+    AngleQuantisation,
+    BandLimited,
+    Flicker,
+    GaussMarkov,
+    Line,
+    RandomWalk,
+    Sinusoid,
+    White,
+)
+from lbgc.sensor.ordinates import ordinates, pooled
+
+HOUR, RATE = 3600, 100
+
+
+def series(terms, rng, seconds: int = HOUR, count: int = 1, rate: int = RATE) -> np.ndarray:
+    return gaussian.sample(terms, rng, (count, seconds * rate), 1 / rate)
+
+
+@pytest.mark.parametrize(
+    "term", [White(1.3), Flicker(0.7), RandomWalk(0.2), GaussMarkov(0.8, 2.0)],
+    ids=lambda t: type(t).__name__,
+)  # fmt: skip
+def test_predicted_variances_of_the_low_coefficients_are_exact(term):
+    """Against the covariance of block means, transformed."""
+    import scipy.fft
+
+    n, h = 64, 3.0
+    covariance = gaussian.covariance_of_means((term,), n, h)
+    exact = np.diag(scipy.fft.dctn(covariance, norm="ortho"))[1:] * h
+    np.testing.assert_allclose(fitting._low_variance(term, n, h, n - 1), exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        (White(1.0), Flicker(0.5), RandomWalk(0.05)),
+        (BandLimited(1.0, 20.0), Line(3.0, 10.0, 0.5)),
+        (AngleQuantisation(0.02), White(0.1)),
+    ],
+)
+def test_predicted_variances_are_those_of_drawn_series(terms, rng):
+    """Summed over ten groups of ordinates of 40 series: relative sd sqrt(2/count), 4.5 of them."""
+    data = pooled(series(terms, rng, 600, 40), 1 / RATE)
+    likelihood = fitting.Likelihood(data, [])
+    predicted = sum(
+        np.concatenate(
+            [
+                fitting._low_variance(t, data.blocks, data.interval, likelihood.lows),
+                fitting._high_variance(t, data.f, data.dt),
+            ]
+        )
+        for t in terms
+    )
+    for group in np.array_split(np.arange(len(predicted)), 10):
+        count = likelihood.count[group].sum()
+        ratio = np.sum(likelihood.power[group] / predicted[group]) / count
+        assert abs(ratio - 1) < 4.5 * np.sqrt(2 / count) + 0.01
+
+
+def test_coefficients_and_intervals_of_an_hour(rng):
+    """40 axis-logs: N, B and K within the Fisher spread, intervals holding (binomial 4 sigma)."""
+    true = {"N": 1.0, "B": 0.5, "K": 0.1}
+    terms = (White(1.0), Flicker(0.5), RandomWalk(0.1))
+    fits = [fitting.fit(ordinates(y, 0.01), fitting.core()) for y in series(terms, rng, HOUR, 40)]
+    fisher = {"N": 0.0012, "B": 0.059, "K": 0.142}
+    for name, value in true.items():
+        errors = np.array([f.estimates[name].value / value - 1 for f in fits])
+        assert abs(errors.mean()) < 4.5 * fisher[name] / np.sqrt(40) + fisher[name] ** 2
+        assert errors.std() < 1.6 * fisher[name]
+        held = [f.estimates[name].low <= value <= f.estimates[name].high for f in fits]
+        assert np.mean(held) >= 0.95 - 4 * np.sqrt(0.95 * 0.05 / 40)
+
+
+def test_what_is_not_there_is_an_upper_limit(rng):
+    """White noise alone: B and K are limits, not numbers, in about 95% of logs."""
+    fits = [
+        fitting.fit(ordinates(y, 0.01), fitting.core()) for y in series((White(1.0),), rng, 900, 20)
+    ]
+    for name in ("B", "K"):
+        assert np.mean([f.estimates[name].is_limit for f in fits]) >= 0.75
+    assert np.mean([f.ramp.is_limit for f in fits]) >= 0.75
+
+
+def test_further_parts_are_found_where_they_are(rng):
+    terms = (BandLimited(1.0, 15.0), Flicker(0.5), Line(2.0, 20.0, 1.0))
+    fit = fitting.choose(ordinates(series(terms, rng)[0], 0.01))
+    e = fit.estimates
+    assert e["bandwidth"].low < 15.0 < e["bandwidth"].high
+    assert e["line_f0"].low < 20.0 < e["line_f0"].high
+    assert e["line_sigma"].value == pytest.approx(2.0, rel=0.02)
+    assert "Q" not in e
+    plain = fitting.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
+    assert set(plain.estimates) == {"N", "B", "K"}
+
+
+def test_tones_are_found_and_kept_out_of_the_noise(rng):
+    y = series((White(1.0),), rng)[0] + Sinusoid(0.5, 17.3).sample(rng, (HOUR * RATE,), 0.01)
+    data = ordinates(y, 0.01)
+    (tone,) = data.tones
+    assert tone.f == pytest.approx(17.3, abs=1e-3)
+    assert tone.amplitude == pytest.approx(0.5, rel=0.05)
+    assert fitting.fit(data, fitting.core()).estimates["N"].value == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_log_becomes_a_sensor_that_gives_it_back(cli, tmp_path):
+    """dataset -> fit -> YAML -> dataset -> fit: the second fit's intervals hold the first's values
+    (each misses in 5%: at most two of nine)."""
+    still = {"recordings": 1, "rate_hz": 50.0, "duration_s": 1800.0, "split": [0, 0, 1]}
+    generate(tmp_path / "first.zarr", **still)
+    first = cli("lbgc.fit", "data=first.zarr", "name=first")
+    assert first.code == 0, first.err
+    command = re.search(r"--config-dir (\S+) imu=first", first.out)
+    assert command
+    directory = tmp_path / command[1]
+    assert {p.name for p in directory.iterdir()} >= {
+        "imu",
+        "fit.json",
+        "allan_gyro.png",
+        "allan_accel.png",
+        "allan_paper.png",
+    }
+    sensor = build(ImuConfig, yaml.safe_load((directory / "imu" / "first.yaml").read_text()))
+    generate(tmp_path / "second.zarr", **still, imu=sensor, seed=2)
+    second = cli("lbgc.fit", "data=second.zarr", "name=second")
+    assert second.code == 0, second.err
+    again = json.loads((tmp_path / second.last_line / "fit.json").read_text())
+    misses = 0
+    for axis, n, b, k in zip(
+        range(3), sensor.gyro.triad().N, sensor.gyro.triad().B, sensor.gyro.triad().K, strict=True
+    ):
+        found = again["gyro"][axis]["estimates"]
+        for name, value in (("N", n), ("B", b), ("K", k)):
+            misses += not found[name]["low"] * 0.999 <= value <= found[name]["high"] * 1.001
+    assert misses <= 2
+
+
+def spoil(name: str, rng) -> dict[str, np.ndarray]:
+    n = 20_000
+    gyro = np.array([6e-5, 0.0, -4e-5]) + 1e-5 * rng.standard_normal((n, 3))
+    accel = np.array([0.0, 0.0, -9.8]) + 1e-2 * rng.standard_normal((n, 3))
+    if name == "shaken":
+        gyro[n // 2 : n // 2 + 4000] += 1e-4 * rng.standard_normal((4000, 3))
+    if name == "short":
+        gyro, accel = gyro[:1000], accel[:1000]
+    names = ["w_x", "w_y", "w_z", "f_x", "f_y", "f_z"]
+    return dict(zip(names, np.hstack([gyro, accel]).T, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("shaken", "something moved, or shook it"), ("short", "10 s: is too short to tell noise")],
+)
+def test_logs_that_are_not_static_are_refused(cli, tmp_path, rng, name, says):
+    write(tmp_path / "log.csv", spoil(name, rng))
+    options = ("log.path=log.csv", "log.rate_hz=100", "log.latitude=48", "log.gyro_unit=rad/s")
+    done = cli("lbgc.fit", "log=csv", *options)
+    assert done.code == 2
+    assert says in done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ((), "data or log = nothing: give one"),
+        (("data=nonesuch",), "is no dataset"),
+        (("data=x", "name='a/b'"), "must be a plain word"),
+        (("data=x", "flicker_long_s=0.5"), "above flicker_short_s"),
+        (("data=x", "flicker_short_s=0"), "greater than zero"),
+    ],
+)
+def test_bad_fit_input_is_named(cli, tmp_path, options, says):
+    done = cli("lbgc.fit", *options)
+    assert done.code == 2
+    assert says in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_recording("lasergyro.imu")
+def test_a_swaying_vehicle_is_not_static(cli):
+    done = cli("lbgc.fit", "log=lasergyro")
+    assert done.code == 2
+    assert "times as much gyro noise in one eighth" in done.err
+
+
+def test_the_defaults_are_the_yamls():
+    assert composed(FitConfig, "fit", "data=x") == FitConfig(data="x")
+    assert lbgc.fit.KEYS["N"] == ("arw_deg_per_sqrt_h", "vrw_m_per_s_per_sqrt_h")
