@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from lbgc import calibrate
 from lbgc.data import logs
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, require_positive, run_main
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.allan_page import AllanData, draw
+from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Estimate, Fit, choose
 from lbgc.sensor.ordinates import pooled
 from lbgc.units import factor, unit_of
@@ -92,6 +94,8 @@ class Static:
     accel: np.ndarray
     dt: float
     latitude: float
+    heading: np.ndarray | None
+    """(R,), rad, where every recording's is known"""
 
 
 def main(config: FitConfig) -> Path:
@@ -106,7 +110,12 @@ def main(config: FitConfig) -> Path:
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
     (directory / "imu").mkdir(exist_ok=True)
     print(report(static, fits))
-    yaml = sensor_yaml(config, static, fits)
+    calibration = None
+    if static.heading is not None and len(static.heading) >= calibrate.FEWEST:
+        rates = static.gyro.mean(axis=1)
+        calibration = calibrate.calibrate(rates, static.heading, static.latitude)
+        print(calibrate.report(calibration, static.name))
+    yaml = sensor_yaml(config, static, fits, calibration)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
     write_atomically(directory / "fit.json", json.dumps(_as_json(fits), indent=2) + "\n")
     for part in ("gyro", "accel"):
@@ -130,6 +139,7 @@ def _read(config: FitConfig) -> Static:
         name = str(dataset.path)
     still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
     require(still, "data", name, "has a plate that turns; noise is fitted to resting recordings")
+    headings = [r.heading_reference for r in records]
     n = min(len(r.gyro) for r in records)
     seconds = n / records[0].rate_hz
     if seconds < SHORTEST_S:
@@ -143,6 +153,7 @@ def _read(config: FitConfig) -> Static:
         np.stack([r.accel[:n] for r in records]),
         1 / records[0].rate_hz,
         records[0].latitude,
+        None if any(h is None for h in headings) else np.array(headings, dtype=float),
     )
 
 
@@ -199,7 +210,12 @@ def _spelled(e: Estimate, key: str) -> str:
     return f"{e.value / scale:.4g} {unit}, 95% {e.low / scale:.4g} to {e.high / scale:.4g}"
 
 
-def sensor_yaml(config: FitConfig, static: Static, fits: dict[str, list[Fit]]) -> str:
+def sensor_yaml(
+    config: FitConfig,
+    static: Static,
+    fits: dict[str, list[Fit]],
+    calibration: Calibration | None = None,
+) -> str:
     """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero."""
     seconds = static.gyro.shape[1] * static.dt
     lines = [
@@ -216,8 +232,10 @@ def sensor_yaml(config: FitConfig, static: Static, fits: dict[str, list[Fit]]) -
             f"  flicker_short_s: {config.flicker_short_s:g}",
             f"  flicker_long_s: {config.flicker_long_s:g}",
         ]
-        for name, (*_,) in KEYS.items():
+        for name in KEYS:
             lines += _yaml_line(name, which, fits[part])
+        if part == "gyro" and calibration is not None:
+            lines += _bias_lines(calibration)
     return "\n".join(lines) + "\n"
 
 
@@ -246,6 +264,15 @@ def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
         for e in found
     ]  # fmt: skip
     return [f"  {key}: [{', '.join(f'{v:.6g}' for v in told)}]  # {', '.join(ranges)}"]
+
+
+def _bias_lines(c: Calibration) -> list[str]:
+    """Bias by lifetime: this unit's own, as the 1 sigma of units like it, and the scatter."""
+    unit, run = (v / factor("bias_unit_deg_per_h") for v in (np.abs(c.bias), c.run_sigma))
+    return [
+        f"  bias_unit_deg_per_h: [{', '.join(f'{v:.4g}' for v in unit)}]  # this unit",
+        f"  bias_run_deg_per_h: [{', '.join(f'{v:.4g}' for v in run)}]",
+    ]
 
 
 def _as_json(fits: dict[str, list[Fit]]) -> dict:

@@ -8,6 +8,7 @@ import pytest
 import torch
 from helpers import composed, default_config, generate
 
+import lbgc.calibrate
 import lbgc.evaluate
 import lbgc.fit
 import lbgc.train
@@ -21,6 +22,7 @@ ENTRY_POINTS = {
     "sim.generate": (sim.generate.main, sim.generate.GenerateConfig, "generate"),
     "sim.scene": (sim.scene.picture, sim.scene.PictureConfig, "scene_picture"),
     "lbgc.fit": (lbgc.fit.main, lbgc.fit.FitConfig, "fit"),
+    "lbgc.calibrate": (lbgc.calibrate.main, lbgc.calibrate.CalibrateConfig, "calibrate"),
     "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),
     "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),
 }

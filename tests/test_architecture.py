@@ -37,6 +37,7 @@ MAY_IMPORT = {
 }
 ENTRY_POINTS = (
     "lbgc/fit.py",
+    "lbgc/calibrate.py",
     "lbgc/train.py",
     "lbgc/evaluate.py",
     "sim/generate.py",

@@ -151,6 +151,15 @@ def test_a_log_becomes_a_sensor_that_gives_it_back(cli, tmp_path):
     assert misses <= 2
 
 
+def test_labelled_recordings_give_the_biases_too(cli, tmp_path):
+    generate(tmp_path / "d.zarr", recordings=8, rate_hz=10.0, duration_s=240.0)
+    done = cli("lbgc.fit", "data=d.zarr", "name=labelled")
+    assert done.code == 0, done.err
+    assert "8 recordings of one unit" in done.out
+    written = yaml.safe_load((tmp_path / done.last_line / "imu" / "labelled.yaml").read_text())
+    assert len(written["gyro"]["bias_run_deg_per_h"]) == 3
+
+
 def spoil(name: str, rng) -> dict[str, np.ndarray]:
     n = 20_000
     gyro = np.array([6e-5, 0.0, -4e-5]) + 1e-5 * rng.standard_normal((n, 3))

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -116,6 +116,16 @@ def read(config: LogConfig) -> Iterator[Record]:
         raise InputError("log.path", path, "", f"cannot be read ({error})") from error
 
 
+def columns(path: str, names: Sequence[str]) -> np.ndarray:
+    """These columns of a CSV or Parquet file, float (rows, columns). Raises InputError."""
+    file = _find(path)
+    try:
+        table = _read_table(file)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError("file", path, "", f"cannot be read ({error})") from error
+    return _columns(table, "columns", names, file.stem)
+
+
 def _find(path: str) -> Path:
     places = [Path(path).expanduser()]
     if "LBGC_REAL_LOGS" in os.environ and not places[0].is_absolute():
@@ -155,26 +165,29 @@ def _read_table(path: Path) -> pa.Table:
     return pa.csv.read_csv(path)
 
 
-def _from_table(table: pa.Table, name: str, config: LogConfig) -> _Raw:
-    def columns(key: str, names: list[str]) -> np.ndarray:
-        for column in names:
-            if column not in table.column_names:
-                raise InputError(
-                    f"log.{key}",
-                    column,
-                    "",
-                    f"is no column of {name}; it has "
-                    + ", ".join(c or "(unnamed)" for c in table.column_names),
-                )
-            kind = table.schema.field(column).type
-            is_number = pa.types.is_integer(kind) or pa.types.is_floating(kind)
-            require(is_number, f"log.{key}", column, f"of {name} holds {kind}, not numbers")
-        arrays = [table[c].to_numpy(zero_copy_only=False).astype(np.float64) for c in names]
-        return np.stack(arrays, axis=1)
+def _columns(table: pa.Table, key: str, names: Sequence[str], file: str) -> np.ndarray:
+    for column in names:
+        if column not in table.column_names:
+            raise InputError(
+                key,
+                column,
+                "",
+                f"is no column of {file}; it has "
+                + ", ".join(c or "(unnamed)" for c in table.column_names),
+            )
+        kind = table.schema.field(column).type
+        is_number = pa.types.is_integer(kind) or pa.types.is_floating(kind)
+        require(is_number, key, column, f"of {file} holds {kind}, not numbers")
+    arrays = [table[c].to_numpy(zero_copy_only=False).astype(np.float64) for c in names]
+    return np.stack(arrays, axis=1)
 
-    time = columns("time_column", [config.time_column])[:, 0] if config.time_column else None
-    gyro = columns("gyro_columns", config.gyro_columns)
-    accel = columns("accel_columns", config.accel_columns)
+
+def _from_table(table: pa.Table, name: str, config: LogConfig) -> _Raw:
+    time = None
+    if config.time_column:
+        time = _columns(table, "log.time_column", [config.time_column], name)[:, 0]
+    gyro = _columns(table, "log.gyro_columns", config.gyro_columns, name)
+    accel = _columns(table, "log.accel_columns", config.accel_columns, name)
     return _Raw(name, gyro, accel, time, config)
 
 

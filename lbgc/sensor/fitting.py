@@ -322,7 +322,7 @@ def _first_guess(data: Ordinates, shape: Shape, name: str, given: dict[str, floa
     top = data.f > 0.05 * data.f[-1]
     white = np.sqrt(np.sum(data.power[top]) / np.sum(data.count[top]))
     if name == "N" and "bandwidth" in shape.names:
-        middle = data.f < 0.1 * data.f[-1]
+        middle = slice(max(4, len(data.f) // 4))
         return float(np.sqrt(np.median(data.power[middle] / data.count[middle])))
     if name == "N":
         return float(white)
