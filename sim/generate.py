@@ -23,7 +23,7 @@ from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
-from lbgc.sensor.imu import Triad, TriadErrors
+from lbgc.sensor.imu import Disturbance, Triad, TriadErrors
 from lbgc.sensor.streams import Purpose
 from sim.motion import rest
 from sim.scene import SceneConfig, try_picture
@@ -134,11 +134,15 @@ class _Sensor:
         truth: np.ndarray,
         errors: TriadErrors,
         force: np.ndarray | None,
-    ) -> np.ndarray:
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What is stored (3, n), and which of it was at its range, (n,)."""
         n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
+        disturbance = Disturbance(force, **vars(self.config.imu.temperature))
         if self.config.output == "means":
-            return triad.measure_means(rng, truth, errors, n, dt, self.config.block, force)
-        return triad.measure(rng, truth, errors, n, dt, force)
+            block = self.config.block
+            means = triad.measure_means(rng, truth, errors, n, dt, block, disturbance)
+            return means, np.zeros(n, bool)
+        return triad.measure(rng, truth, errors, n, dt, disturbance)
 
 
 def main(config: GenerateConfig) -> Path:
@@ -187,8 +191,8 @@ def _layout(config: GenerateConfig, sensor: _Sensor) -> store.Layout:
         samples=config.samples // config.block,
         rate_hz=config.rate_hz / config.block,
         scales={
-            "gyro": sensor.gyro.lsb if as_counts else None,
-            "accel": sensor.accel.lsb if as_counts else None,
+            "gyro": sensor.gyro.output_scale(1 / config.rate_hz) if as_counts else None,
+            "accel": sensor.accel.output_scale(1 / config.rate_hz) if as_counts else None,
         },
     )
 
@@ -226,7 +230,8 @@ def _recording(config: GenerateConfig, sensor: _Sensor, i: int) -> dict[str, np.
         rng = streams.recording(config.seed, i, purpose)
         errors = triad.draw_run(rng, triad.draw_unit(of_unit), triad.draw_session(of_session))
         # Kept axis by axis in memory, as the store keeps it; logically (time, axis).
-        values[name] = sensor.measure(triad, rng, feels, errors, disturbed_by).T
+        printed, saturated = sensor.measure(triad, rng, feels, errors, disturbed_by)
+        values[name], values[f"{name}_saturated"] = printed.T, saturated
         values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
     n = config.samples // config.block
     values |= {

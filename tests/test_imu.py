@@ -8,7 +8,7 @@ import pytest
 from lbgc.errors import InputError
 from lbgc.sensor import noise, streams
 from lbgc.sensor.datasheet import AccelConfig, GyroConfig
-from lbgc.sensor.imu import Triad
+from lbgc.sensor.imu import Disturbance, Triad, UnitErrors
 from lbgc.units import DEG, HOUR
 
 GYRO = GyroConfig(
@@ -29,6 +29,8 @@ GYRO = GyroConfig(
     line_width_hz=0.5,
     bandwidth_hz=20.0,
     g_sensitivity_deg_per_h_per_g=2.0,
+    bias_per_k_deg_per_h_per_k=0.1,
+    scale_per_k_ppm_per_k=1000.0,
     tone_hz=3.1,
     tone_deg_per_h=[50.0, 20.0, 0.0],
     rate_lsb_deg_per_s=1e-4,
@@ -51,6 +53,8 @@ ACCEL = AccelConfig(
     line_hz=7.0,
     line_width_hz=0.5,
     bandwidth_hz=20.0,
+    bias_per_k_ug_per_k=30.0,
+    scale_per_k_ppm_per_k=30.0,
     tone_hz=3.1,
     tone_ug=[50.0, 20.0, 0.0],
     lsb_ug=10.0,
@@ -78,7 +82,8 @@ def prints(config: GyroConfig | AccelConfig, n: int = 3000, dt: float = 0.01) ->
     )
     rng = streams.recording(5, 1, streams.Purpose.GYRO)
     force = None if isinstance(config, AccelConfig) else np.array([[0.1], [-0.2], [-9.8]])
-    return triad.measure(rng, truth, errors, n, dt, force) * (triad.lsb or 1.0)
+    warming = Disturbance(force, rise_k=20.0, time_s=30.0)
+    return triad.measure(rng, truth, errors, n, dt, warming)[0] * (triad.output_scale(dt) or 1.0)
 
 
 @pytest.mark.parametrize("config", [GYRO, ACCEL], ids=["gyro", "accel"])
@@ -139,13 +144,16 @@ def test_drawn_errors_have_their_sizes_and_lifetimes():
     """1 sigma from 3,000 units: relative sampling error 1/sqrt(2 x 9000) = 0.75%, 4.5 of them."""
     triad = GYRO.triad()
     units = [triad.draw_unit(streams.unit(1, u)) for u in range(3000)]
-    biases, matrices, of_g = (np.array(part) for part in zip(*units, strict=True))
+    biases, matrices, of_g = (
+        np.array([getattr(u, part) for u in units])
+        for part in ("bias_unit", "matrix", "g_sensitivity")
+    )
     assert of_g.std() == pytest.approx(2.0 * DEG / HOUR / 9.80665, rel=0.02)
     assert biases.std() == pytest.approx(1.0 * DEG / HOUR, rel=0.034)
     assert matrices[:, np.eye(3, dtype=bool)].std() == pytest.approx(3e-3, rel=0.034)
     assert matrices[:, ~np.eye(3, dtype=bool)].std() == pytest.approx(5e-3, rel=0.034)
     again = triad.draw_unit(streams.unit(1, 7))
-    np.testing.assert_array_equal(again[0], biases[7])
+    np.testing.assert_array_equal(again.bias_unit, biases[7])
     assert not np.array_equal(triad.draw_session(streams.session(1, 7, 0)), biases[7])
 
 
@@ -156,7 +164,7 @@ def test_the_matrix_acts_as_the_papers_equations_say():
         np.random.default_rng(0), triad.draw_unit(np.random.default_rng(1)), np.full(3, 1e-5)
     )
     truth = np.array([[1e-3], [2e-3], [-1e-3]])
-    printed = triad.measure(np.random.default_rng(2), truth, errors, 1, 0.01)
+    printed, _ = triad.measure(np.random.default_rng(2), truth, errors, 1, 0.01)
     expected = truth + errors.matrix @ truth + errors.bias[:, None]
     np.testing.assert_allclose(printed, expected, rtol=1e-6)
     assert errors.bias[0] == pytest.approx(1e-5)
@@ -164,21 +172,23 @@ def test_the_matrix_acts_as_the_papers_equations_say():
 
 def test_counts_are_whole_and_clipped_at_the_range():
     triad = replace(GYRO, tone_deg_per_h=0.0, tone_hz=0.0, range_deg_per_s=0.004).triad()
-    errors = triad.draw_run(
-        np.random.default_rng(0), (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))), np.zeros(3)
+    errors = triad.draw_run(np.random.default_rng(0), UnitErrors.none(), np.zeros(3))
+    counts, saturated = triad.measure(
+        np.random.default_rng(1), np.full((3, 1), 0.01), errors, 1000, 0.01
     )
-    counts = triad.measure(np.random.default_rng(1), np.full((3, 1), 0.01), errors, 1000, 0.01)
     assert counts.dtype == np.int32
     assert np.unique(counts).tolist() == [40]
+    assert saturated.all()
 
 
 def means_and_averages(triad: Triad, rng, draws: int, n: int, block: int, dt: float):
     truth = np.full((3, 1), 3e-5)
-    errors = triad.draw_run(rng, (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))), np.zeros(3))
+    errors = triad.draw_run(rng, UnitErrors.none(), np.zeros(3))
     direct, averaged = np.empty((draws, 3, n)), np.empty((draws, 3, n))
     for d in range(draws):
         direct[d] = triad.measure_means(rng, truth, errors, n, dt, block)
-        samples = triad.measure(rng, truth, errors, n * block, dt) * (triad.lsb or 1)
+        counts, _ = triad.measure(rng, truth, errors, n * block, dt)
+        samples = counts * (triad.output_scale(dt) or 1)
         averaged[d] = samples.reshape(3, n, block).mean(axis=-1)
     return direct - errors.bias[:, None], averaged - errors.bias[:, None]
 
@@ -212,10 +222,8 @@ def test_predicted_allan_variance_is_that_of_what_is_printed(rng):
     for m in (1, 10, 100, 1000):
         drawn = []
         for _ in range(100):
-            errors = triad.draw_run(
-                rng, (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))), np.zeros(3)
-            )
-            y = triad.measure(rng, np.full((3, 1), 3e-5), errors, n, dt) * triad.lsb
+            errors = triad.draw_run(rng, UnitErrors.none(), np.zeros(3))
+            y = triad.measure(rng, np.full((3, 1), 3e-5), errors, n, dt)[0] * triad.output_scale(dt)
             means = y.reshape(3, n // m, m).mean(axis=-1)
             drawn.append(0.5 * np.mean(np.diff(means, axis=-1) ** 2, axis=-1))
         drawn = np.array(drawn)
@@ -248,7 +256,46 @@ def test_g_sensitivity_acts_on_the_force():
         np.random.default_rng(0), triad.draw_unit(np.random.default_rng(1)), np.zeros(3)
     )
     force = np.array([[0.0], [0.0], [-9.80665]])
-    printed = triad.measure(np.random.default_rng(2), np.zeros((3, 1)), errors, 1, 0.1, force)
+    felt = Disturbance(force)
+    printed, _ = triad.measure(np.random.default_rng(2), np.zeros((3, 1)), errors, 1, 0.1, felt)
     np.testing.assert_allclose(printed, errors.g_sensitivity @ force, rtol=1e-6)
     assert printed[0] != 0
     assert not printed[1:].any()
+
+
+def test_carried_counts_lose_nothing_and_are_angle_quantisation(rng):
+    """Their sum is the integral to half a count, whatever the count; the Allan variance at two
+    samples is 3 (c^2/12)/tau^2 (200 recordings, z from their spread)."""
+    config = GyroConfig(arw_deg_per_sqrt_h=1.0, angle_lsb_arcsec=2.0)
+    triad, n, dt = config.triad(), 2000, 0.01
+    errors = triad.draw_run(rng, UnitErrors.none(), np.zeros(3))
+    seed = rng.integers(2**32)
+    truth = np.full((3, 1), 3e-5)
+    counts, _ = triad.measure(np.random.default_rng(seed), truth, errors, n, dt)
+    free = replace(triad, carried_lsb=None)
+    smooth, _ = free.measure(np.random.default_rng(seed), truth, errors, n, dt)
+    total = counts.sum(axis=1) * triad.carried_lsb - smooth.sum(axis=1, dtype=float) * dt
+    assert np.abs(total).max() <= triad.carried_lsb * 0.501
+    drawn = []
+    for _ in range(200):
+        y = triad.measure(rng, truth, errors, n, dt)[0] * triad.output_scale(dt)
+        means = y.reshape(3, n // 2, 2).mean(axis=-1)
+        drawn.append(0.5 * np.mean(np.diff(means, axis=-1) ** 2, axis=-1))
+    predicted = triad.allan_variance(np.array(0.02), dt)
+    z = (np.mean(drawn, axis=0) - predicted) / (np.std(drawn, axis=0) / np.sqrt(200))
+    assert np.abs(z).max() < 4.5
+
+
+def test_rate_counts_and_angle_counts_are_two_outputs():
+    with pytest.raises(InputError, match="are two outputs"):
+        GyroConfig(rate_lsb_deg_per_s=0.01, angle_lsb_arcsec=1.0)
+
+
+def test_warming_up_is_averaged_exactly():
+    """Means of the profile over blocks are the profile's means; it ends at the rise."""
+    warming = Disturbance(rise_k=12.0, time_s=40.0, since_power_up_s=5.0)
+    fine = warming.rise(2000, 0.1).reshape(100, 20).mean(axis=1)
+    np.testing.assert_allclose(warming.rise(100, 2.0), fine, rtol=1e-12)
+    t = 5.0 + np.arange(3) * 1e-6
+    np.testing.assert_allclose(warming.rise(3, 1e-6), 12 * (1 - np.exp(-t / 40)), rtol=1e-6)
+    assert warming.rise(10_000, 1.0)[-1] == pytest.approx(12.0)

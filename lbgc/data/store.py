@@ -46,12 +46,17 @@ _PER_RECORDING = ("recording",)
 _VECTOR = ("recording", "axis")
 _MATRIX = ("recording", "axis", "axis_in")
 
+_OFF = ("free", "saturated")
 _TRIADS = (("gyro", "rad s-1", "angular rate"), ("accel", "m s-2", "specific force"))
 VARIABLES: dict[str, Variable] = {
     "gyro": Variable(_T, "", "rad s-1", "angular rate omega_ib_b, as the sensor gives it"),
     "accel": Variable(_T, "", "m s-2", "specific force f_ib_b, as the sensor gives it"),
     "plate_angle": Variable(
         ("recording", "time"), "float64", "rad", "plate angle as the encoder reads it"
+    ),
+    "gyro_saturated": Variable(("recording", "time"), "int8", "1", "a gyro is at its range", _OFF),
+    "accel_saturated": Variable(
+        ("recording", "time"), "int8", "1", "an accelerometer is at its range", _OFF
     ),
     "stage": Variable(("recording", "time"), "int8", "1", "what the plate is doing", STAGES),
     "heading": Variable(
@@ -80,6 +85,8 @@ VARIABLES: dict[str, Variable] = {
             ("matrix", _MATRIX, "1", "drawn scale and misalignment M of the {}"),
             ("tone_phase", _VECTOR, "rad", "drawn phase of the {} tone at the start"),
             ("ramp_sign", _VECTOR, "1", "drawn sign of the {} ramp"),
+            ("bias_per_k", _VECTOR, f"{unit} K-1", "drawn temperature coefficient of the {} bias"),
+            ("scale_per_k", _VECTOR, "K-1", "drawn temperature coefficient of the {} scale"),
             ("g_sensitivity", _MATRIX, f"{unit} / (m s-2)", "drawn {} per specific force"),
         )
     },

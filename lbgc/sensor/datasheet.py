@@ -54,12 +54,18 @@ class GyroConfig:
     """Scale factor error, 1 sigma between units."""
     misalignment_unit_mrad: Axes = 0.0
     """Of each axis towards each other one, 1 sigma between units."""
+    bias_per_k_deg_per_h_per_k: Axes = 0.0
+    """Bias over temperature rise, 1 sigma between units."""
+    scale_per_k_ppm_per_k: Axes = 0.0
+    """Scale factor over temperature rise, likewise."""
     tone_hz: Axes = 0.0
     """Frequency of a steady vibration."""
     tone_deg_per_h: Axes = 0.0
     """Its amplitude; its phase is random."""
     rate_lsb_deg_per_s: float | None = None
-    """Output count; null: no rounding."""
+    """Output count of a rate output: each sample is rounded; null: it is not."""
+    angle_lsb_arcsec: float | None = None
+    """Or the count of an angle output: increments are counted and the rest is carried over."""
     range_deg_per_s: float | None = None
     """Output is clipped to +- this; null: no limit."""
 
@@ -81,7 +87,9 @@ class GyroConfig:
             bias_session="bias_session_deg_per_h",
             bias_run="bias_run_deg_per_h",
             tone="tone_deg_per_h",
+            bias_per_k="bias_per_k_deg_per_h_per_k",
             lsb="rate_lsb_deg_per_s",
+            carried_lsb="angle_lsb_arcsec",
             range="range_deg_per_s",
         )
 
@@ -129,12 +137,18 @@ class AccelConfig:
     """Scale factor error, 1 sigma between units."""
     misalignment_unit_mrad: Axes = 0.0
     """Of each axis towards each other one, 1 sigma between units."""
+    bias_per_k_ug_per_k: Axes = 0.0
+    """Bias over temperature rise, 1 sigma between units."""
+    scale_per_k_ppm_per_k: Axes = 0.0
+    """Scale factor over temperature rise, likewise."""
     tone_hz: Axes = 0.0
     """Frequency of a steady vibration."""
     tone_ug: Axes = 0.0
     """Its amplitude; its phase is random."""
     lsb_ug: float | None = None
-    """Output count; null: no rounding."""
+    """Output count of a force output: each sample is rounded; null: it is not."""
+    velocity_lsb_m_per_s: float | None = None
+    """Or the count of a velocity output: increments are counted and the rest is carried over."""
     range_g: float | None = None
     """Output is clipped to +- this; null: no limit."""
 
@@ -155,9 +169,27 @@ class AccelConfig:
             bias_session="bias_session_mg",
             bias_run="bias_run_mg",
             tone="tone_ug",
+            bias_per_k="bias_per_k_ug_per_k",
             lsb="lsb_ug",
+            carried_lsb="velocity_lsb_m_per_s",
             range="range_g",
         )
+
+
+@dataclass(frozen=True)
+class TemperatureConfig:
+    """How the sensor warms up: rise (1 - e^(-t/time)) above where it was switched on."""
+
+    rise_k: float = 0.0
+    """In the end."""
+    time_s: float = 600.0
+    """Time constant."""
+    since_power_up_s: float = 0.0
+    """When a recording starts."""
+
+    def __post_init__(self) -> None:
+        require(self.time_s > 0, "time_s", self.time_s, "must be greater than zero")
+        require_not_negative(self, "since_power_up_s")
 
 
 @dataclass(frozen=True)
@@ -166,6 +198,7 @@ class ImuConfig:
 
     name: str = "custom"
     """How reports call it."""
+    temperature: TemperatureConfig = field(default_factory=TemperatureConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
     accel: AccelConfig = field(default_factory=AccelConfig)
 
@@ -200,6 +233,13 @@ def _validate(config: GyroConfig | AccelConfig) -> None:
                 f"must be given for {size} = {getattr(config, size)}",
             )
 
+    counts = [getattr(config, n) for n in vars(config) if "lsb" in n]
+    both = all(c is not None for c in counts)
+    names = [n for n in vars(config) if "lsb" in n]
+    require(
+        not both, names[1], counts[1], f"and {names[0]} are two outputs; give one, null the other"
+    )
+
 
 def _axes(config: GyroConfig | AccelConfig, key: str) -> Triple:
     value = getattr(config, key)
@@ -232,6 +272,7 @@ def _triad(
     white: tuple[str, str],
     *,
     lsb: str,
+    carried_lsb: str,
     range: str,
     g_sensitivity: str | None = None,
     **keys: str,
@@ -253,7 +294,9 @@ def _triad(
         misalignment_unit=_axes(config, "misalignment_unit_mrad"),
         g_sensitivity=_axes(config, g_sensitivity) if g_sensitivity else (0.0, 0.0, 0.0),
         tone_hz=_axes(config, "tone_hz"),
+        scale_per_k=_axes(config, "scale_per_k_ppm_per_k"),
         lsb=optional(lsb),
+        carried_lsb=optional(carried_lsb),
         range=optional(range),
         keys={"lsb": lsb, "range": range},
         **{part: _axes(config, key) for part, key in keys.items()},

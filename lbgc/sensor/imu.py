@@ -21,20 +21,51 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class TriadErrors:
-    """What was drawn for a triad and a recording: nothing about a recording is a mystery."""
+class UnitErrors:
+    """What was drawn for a serial number."""
 
     bias_unit: np.ndarray  # (3,)
     matrix: np.ndarray  # (3, 3), M
+    g_sensitivity: np.ndarray  # (3, 3), output per specific force: zero for accelerometers
+    bias_per_k: np.ndarray  # (3,)
+    scale_per_k: np.ndarray  # (3,)
+
+    @classmethod
+    def none(cls) -> "UnitErrors":
+        return cls(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class TriadErrors(UnitErrors):
+    """What was drawn for a triad and a recording: nothing about a recording is a mystery."""
+
     bias_session: np.ndarray  # (3,)
     bias_run: np.ndarray  # (3,)
     tone_phase: np.ndarray  # (3,), rad
     ramp_sign: np.ndarray  # (3,), +-1
-    g_sensitivity: np.ndarray  # (3, 3), output per specific force: zero for accelerometers
 
     @property
     def bias(self) -> np.ndarray:
         return self.bias_unit + self.bias_session + self.bias_run
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What acts on a triad beside what it measures."""
+
+    force: np.ndarray | None = None
+    """(3, n) or (3, 1), m/s^2: the specific force that gyros are sensitive to"""
+    rise_k: float = 0.0
+    """Temperature at the end of warming up, less that at power-up"""
+    time_s: float = 600.0
+    """Time constant of warming up"""
+    since_power_up_s: float = 0.0
+
+    def rise(self, n: int, dt: float) -> np.ndarray:
+        """Means over (t_k - dt, t_k] of the temperature's rise since power-up, (n,), K."""
+        start = (self.since_power_up_s + np.arange(n) * dt) / self.time_s
+        u = dt / self.time_s
+        return self.rise_k * (1 - np.exp(-start) * -np.expm1(-u) / u)
 
 
 @dataclass(frozen=True)
@@ -63,9 +94,13 @@ class Triad:
     scale_unit: Triple
     misalignment_unit: Triple
     g_sensitivity: Triple
+    bias_per_k: Triple
+    scale_per_k: Triple
     tone_hz: Triple
     tone: Triple
     lsb: float | None
+    carried_lsb: float | None
+    """Count of the integrated output (rad, m/s)."""
     range: float | None
     keys: dict[str, str] = field(compare=False)
     """The configured names of `lsb` and `range`, for messages."""
@@ -102,8 +137,11 @@ class Triad:
 
     def allan_variance(self, tau: np.ndarray, dt: float) -> np.ndarray:
         """The model's own Allan variance, tau (*S) in s -> (3, *S): every in-run term, the tone
-        and rounding."""
+        and rounding; not what warming up adds."""
+        rounding: noise.White | noise.AngleQuantisation
         rounding = noise.White(0.0 if self.lsb is None else self.lsb * np.sqrt(dt / 12))
+        if self.carried_lsb is not None:
+            rounding = noise.AngleQuantisation(self.carried_lsb / np.sqrt(12))
         return np.stack(
             [
                 noise.allan_variance(
@@ -113,31 +151,35 @@ class Triad:
             ]
         )
 
-    def draw_unit(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A serial number's bias (3,), matrix M (3, 3) and g-sensitivity (3, 3)."""
+    def draw_unit(self, rng: np.random.Generator) -> UnitErrors:
+        """A serial number's own errors."""
         bias = rng.standard_normal(3) * self.bias_unit
         off_diagonal = rng.standard_normal((3, 3)) * np.array(self.misalignment_unit)[:, None]
         scale = rng.standard_normal(3) * self.scale_unit
         g_sensitivity = rng.standard_normal((3, 3)) * np.array(self.g_sensitivity)[:, None]
         matrix = np.where(np.eye(3, dtype=bool), np.diag(scale), off_diagonal)
-        return bias, matrix, g_sensitivity
+        bias_per_k = rng.standard_normal(3) * self.bias_per_k
+        scale_per_k = rng.standard_normal(3) * self.scale_per_k
+        return UnitErrors(bias, matrix, g_sensitivity, bias_per_k, scale_per_k)
 
     def draw_session(self, rng: np.random.Generator) -> np.ndarray:
         """A power-up's bias, (3,)."""
         return rng.standard_normal(3) * self.bias_session
 
     def draw_run(
-        self,
-        rng: np.random.Generator,
-        of_unit: tuple[np.ndarray, np.ndarray, np.ndarray],
-        of_session: np.ndarray,
+        self, rng: np.random.Generator, of_unit: UnitErrors, of_session: np.ndarray
     ) -> TriadErrors:
         """What is drawn before a recording starts, joined to what its unit and session fixed."""
         bias = rng.standard_normal(3) * self.bias_run
         phase = rng.uniform(0, 2 * np.pi, 3)
         sign = rng.choice([-1.0, 1.0], 3)
-        of_unit_bias, matrix, g_sensitivity = of_unit
-        return TriadErrors(of_unit_bias, matrix, of_session, bias, phase, sign, g_sensitivity)
+        return TriadErrors(
+            **vars(of_unit),
+            bias_session=of_session,
+            bias_run=bias,
+            tone_phase=phase,
+            ramp_sign=sign,
+        )
 
     def sample_noise(
         self, rng: np.random.Generator, count: int, n: int, interval: float
@@ -146,6 +188,10 @@ class Triad:
         axes = [gaussian.sample(terms, rng, (count, n), interval) for terms in self.terms]
         return np.stack(axes, axis=-1)
 
+    def output_scale(self, dt: float) -> float | None:
+        """SI per stored count of a rate: the count, or the carried one over the interval."""
+        return self.lsb if self.carried_lsb is None else self.carried_lsb / dt
+
     def measure(
         self,
         rng: np.random.Generator,
@@ -153,19 +199,25 @@ class Triad:
         errors: TriadErrors,
         n: int,
         dt: float,
-        force: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """The n samples the sensor prints, (3, n): int32 counts of `lsb`, or float32 without one.
+        disturbance: "Disturbance | None" = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The n samples the sensor prints, (3, n): int32 counts of `output_scale`, or float32
+        where there are none; and whether any axis was at its range, bool (n,).
 
         truth : (3, n), or (3, 1) where it is constant; means over (t_k - dt, t_k].
-        force : the specific force that a gyro is sensitive to, m/s^2, likewise.
         """
-        signal = self._linear(rng, truth, errors, n, dt, force)
+        signal = self._linear(rng, truth, errors, n, dt, disturbance)
+        saturated = np.zeros(n, bool)
         if self.range is not None:
+            saturated = (np.abs(signal) > self.range).any(axis=0)
             np.clip(signal, -self.range, self.range, out=signal)
+        if self.carried_lsb is not None:
+            total = np.cumsum(signal, axis=1, dtype=np.float64) * (dt / self.carried_lsb)
+            counts = np.diff(np.rint(total), axis=1, prepend=0.0)
+            return counts.astype(np.int32), saturated
         if self.lsb is None:
-            return signal
-        return np.rint(signal / np.float32(self.lsb)).astype(np.int32)
+            return signal, saturated
+        return np.rint(signal / np.float32(self.lsb)).astype(np.int32), saturated
 
     def measure_means(
         self,
@@ -175,15 +227,19 @@ class Triad:
         n: int,
         dt: float,
         block: int,
-        force: np.ndarray | None = None,
+        disturbance: "Disturbance | None" = None,
     ) -> np.ndarray:
         """n means over `block` samples each, float32 (3, n), with the law of averaging `measure`.
 
-        Rounding enters as the white noise that it is while the samples' noise exceeds half a count;
-        `check_means` refuses where it does not, and where the range would clip.
+        Rounding enters as the white noise that it is while the samples' noise exceeds half a count
+        (`check_means` refuses where it does not, and where the range would clip); carried counts
+        as angle quantisation of a twelfth of their square.
         """
-        means = self._linear(rng, truth, errors, n, dt * block, force)
-        if self.lsb is not None:
+        means = self._linear(rng, truth, errors, n, dt * block, disturbance)
+        if self.carried_lsb is not None:
+            rest = noise.AngleQuantisation(self.carried_lsb / np.sqrt(12))
+            means += rest.sample_means(rng, (3, n), dt, block)
+        elif self.lsb is not None:
             rounding = self.lsb / np.sqrt(12 * block)
             means += rng.standard_normal((3, n), dtype=np.float32) * np.float32(rounding)
         return means
@@ -195,12 +251,16 @@ class Triad:
         errors: TriadErrors,
         n: int,
         dt: float,
-        force: np.ndarray | None,
+        disturbance: "Disturbance | None",
     ) -> np.ndarray:
         """Everything but rounding and clipping: its means over dt have the law of its samples'."""
         constant = (np.eye(3) + errors.matrix) @ truth + errors.bias[:, None]
-        if force is not None:
-            constant = constant + errors.g_sensitivity @ force
+        if disturbance is not None and disturbance.force is not None:
+            constant = constant + errors.g_sensitivity @ disturbance.force
+        if disturbance is not None and disturbance.rise_k != 0:
+            warmth = disturbance.rise(n, dt)
+            constant = constant + errors.bias_per_k[:, None] * warmth
+            constant = constant + errors.scale_per_k[:, None] * truth * warmth
         signal = np.empty((3, n), np.float32)
         for axis, terms in enumerate(self.terms):
             signal[axis] = gaussian.sample(terms, rng, (n,), dt)
