@@ -161,6 +161,16 @@ def _check_static(static: Static) -> None:
     """Raise InputError where the recording is not one steady state: a resting IMU's differences
     between neighbours (samples, means over 0.1 s, over 1 s) have one power throughout. Over 50
     differences each, the powers of eight steady stretches are within a factor of three."""
+    for part in ("gyro", "accel"):
+        still = np.ptp(getattr(static, part), axis=1).min(axis=0)
+        if not still.all():
+            axis = AXES[int(np.argmin(still))]
+            raise InputError(
+                static.name,
+                f"{part} {axis}",
+                "",
+                "never changes: a dead channel has no noise to fit",
+            )
     for part, seconds in ((p, s) for p in ("gyro", "accel") for s in (static.dt, 0.1, 1.0)):
         block = max(1, round(seconds / static.dt))
         series = getattr(static, part)

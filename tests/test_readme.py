@@ -15,6 +15,8 @@ SMALLER = {
     "sim/generate.py": ["recordings=10", "duration_s=20"],
     "lbgc/train.py": ["steps=2", "validate_every=1", "windows_s=[10]", "batch=4"],
     "lbgc/evaluate.py": ["windows_s=[10]"],
+    "lbgc/fit.py": [],
+    "lbgc/calibrate.py": [],
 }
 NEEDS = {"log=lasergyro": "lasergyro.imu"}
 
@@ -34,8 +36,14 @@ def home(tmp_path_factory):
         path = home / block.splitlines()[0].removeprefix("# ")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(block)
-    rows = np.tile([0.0, -0.0028, -0.0031, 0.0, 0.0, -1.0], (2500, 1))
+    rows = np.tile([0.0, -0.0028, -0.0031, 0.0, 0.0, -1.0], (12_000, 1))
+    rows += np.random.default_rng(1).standard_normal(rows.shape) * ([1e-3] * 3 + [1e-4] * 3)
     header = "w_x,w_y,w_z,f_x,f_y,f_z"
+    turned = np.column_stack([np.arange(0, 360, 10), np.zeros((36, 3))])
+    names = "heading_deg,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
+    turned[:, 1], turned[:, 2] = (0.0035 * f(np.deg2rad(turned[:, 0])) for f in (np.cos, np.sin))
+    turned[:, 2] *= -1
+    np.savetxt(home / "mymeans.csv", turned, delimiter=",", header=names, comments="")
     np.savetxt(home / "mylog.csv", rows, delimiter=",", header=header, comments="")
     return home
 

@@ -106,7 +106,7 @@ def _tones(
 
     An ordinate over its neighbourhood's median (0.455 of the mean of chi^2_1) is a tone's where
     noise would give one such in a hundred recordings. A sinusoid's energy, n amplitude^2/2, falls
-    into a handful of neighbours.
+    into a handful of neighbours; what samples show of it is amplitude x sinc(f dt).
     """
     width = 200
     groups = max(1, len(fine) // width)
@@ -116,9 +116,13 @@ def _tones(
     plain = np.ones(len(fine), bool)
     found = []
     for cluster in np.split(peaks, np.flatnonzero(np.diff(peaks) > 20) + 1) if len(peaks) else []:
-        around = slice(max(cluster[0] - 6, 0), cluster[-1] + 7)
+        top = cluster[np.argmax(fine[cluster])]
+        # Its leakage falls as energy/(pi distance)^2: left out to a twentieth of the noise.
+        reach = int(np.sqrt(2 * np.sum(fine[cluster]) / level[top]))
+        reach = min(max(reach, 6), len(fine) // 50)
+        around = slice(max(cluster[0] - reach, 0), cluster[-1] + reach + 1)
         excess = max(float(np.sum(fine[around] - level[around])), 0.0)
         plain[around] = False
-        top = cluster[np.argmax(fine[cluster])]
-        found.append(Tone(float(k[top] / (2 * n * dt)), float(np.sqrt(2 * excess / dt / n))))
+        f = float(k[top] / (2 * n * dt))
+        found.append(Tone(f, float(np.sqrt(2 * excess / dt / n) / np.sinc(f * dt))))
     return tuple(found), plain
