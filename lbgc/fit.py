@@ -35,6 +35,7 @@ KEYS = {
     "line_f0": ("line_hz", "line_hz"),
     "line_width": ("line_width_hz", "line_width_hz"),
     "bandwidth": ("bandwidth_hz", "bandwidth_hz"),
+    "damping": ("filter_damping", "filter_damping"),
     "tone": ("tone_deg_per_h", "tone_ug"),
     "tone_f": ("tone_hz", "tone_hz"),
 }
@@ -50,6 +51,7 @@ WORDS = {
     "line_f0": "its frequency",
     "line_width": "its width",
     "bandwidth": "output filter",
+    "damping": "its damping",
 }
 SHORTEST_S = 60.0
 _EIGHTHS = 8
@@ -211,7 +213,7 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
 
 
 def _spelled(e: Estimate, key: str) -> str:
-    scale, unit = factor(key), unit_of(key)
+    scale, unit = _scale(key), unit_of(key)
     if e.is_limit:
         return (
             f"below {e.upper / scale:.3g} {unit} (95%); this log cannot tell it from zero, a "
@@ -251,7 +253,7 @@ def sensor_yaml(
 
 def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
     key = KEYS[name][which]
-    scale = factor(key)
+    scale = _scale(key)
     if name in ("tone", "tone_f"):
         largest = [max(f.tones, key=lambda t: t.amplitude, default=None) for f in fits]
         if not any(largest):
@@ -263,9 +265,8 @@ def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
     found = [every_estimate(f).get(name) for f in fits]
     if not any(found):
         return []
-    neutral = (
-        1e6 if name == "bandwidth" else 1.0 if name in ("GM_T", "line_f0", "line_width") else 0
-    )
+    shapes = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "damping": 1.0}
+    neutral = shapes.get(name, 0.0)  # of an axis that has no such part
     told = [neutral if e is None else 0.0 if e.is_limit else e.value / scale for e in found]
     ranges = [
         "-" if e is None
@@ -274,6 +275,11 @@ def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
         for e in found
     ]  # fmt: skip
     return [f"  {key}: [{', '.join(f'{v:.6g}' for v in told)}]  # {', '.join(ranges)}"]
+
+
+def _scale(key: str) -> float:
+    """SI per unit of the key; a key without a unit is a plain number."""
+    return factor(key) if unit_of(key) else 1.0
 
 
 def _bias_lines(c: Calibration) -> list[str]:

@@ -36,8 +36,10 @@ class GyroConfig:
     line_width_hz: Axes = 0.0
     """Its full width at half power."""
     bandwidth_hz: Axes | None = None
-    """-3 dB of the second-order low-pass behind which the white noise and the tone come out; null:
-    the mean over the sample's interval alone."""
+    """Of the second-order low-pass behind which the white noise and the tone come out; null: the
+    mean over the sample's interval alone."""
+    filter_damping: Axes = 0.707107
+    """Of that low-pass; 0.707 (Butterworth) makes the bandwidth its -3 dB point."""
     g_sensitivity_deg_per_h_per_g: Axes = 0.0
     """Of each gyro to specific force along each axis, 1 sigma between units."""
     flicker_short_s: float = 1.0
@@ -121,8 +123,10 @@ class AccelConfig:
     line_width_hz: Axes = 0.0
     """Its full width at half power."""
     bandwidth_hz: Axes | None = None
-    """-3 dB of the second-order low-pass behind which the white noise and the tone come out; null:
-    the mean over the sample's interval alone."""
+    """Of the second-order low-pass behind which the white noise and the tone come out; null: the
+    mean over the sample's interval alone."""
+    filter_damping: Axes = 0.707107
+    """Of that low-pass; 0.707 (Butterworth) makes the bandwidth its -3 dB point."""
     flicker_short_s: float = 1.0
     """Shortest averaging time of the bias instability's flat floor."""
     flicker_long_s: float = 3600.0
@@ -203,7 +207,7 @@ class ImuConfig:
     accel: AccelConfig = field(default_factory=AccelConfig)
 
 
-_MUST_BE_POSITIVE = ("lsb", "range", "flicker", "bandwidth", "gauss_markov_s")
+_MUST_BE_POSITIVE = ("lsb", "range", "flicker", "bandwidth", "damping", "gauss_markov_s")
 
 
 def _validate(config: GyroConfig | AccelConfig) -> None:
@@ -239,6 +243,12 @@ def _validate(config: GyroConfig | AccelConfig) -> None:
     require(
         not both, names[1], counts[1], f"and {names[0]} are two outputs; give one, null the other"
     )
+
+
+def _plain(config: GyroConfig | AccelConfig, key: str) -> Triple:
+    """A figure without a unit."""
+    x, y, z = np.broadcast_to(getattr(config, key), 3).tolist()
+    return (x, y, z)
 
 
 def _axes(config: GyroConfig | AccelConfig, key: str) -> Triple:
@@ -290,6 +300,7 @@ def _triad(
         line_hz=_axes(config, "line_hz"),
         line_width_hz=_axes(config, "line_width_hz"),
         bandwidth_hz=None if config.bandwidth_hz is None else _axes(config, "bandwidth_hz"),
+        damping=_plain(config, "filter_damping"),
         scale_unit=_axes(config, "scale_unit_ppm"),
         misalignment_unit=_axes(config, "misalignment_unit_mrad"),
         g_sensitivity=_axes(config, g_sensitivity) if g_sensitivity else (0.0, 0.0, 0.0),

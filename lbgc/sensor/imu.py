@@ -88,6 +88,7 @@ class Triad:
     line_hz: Triple
     line_width_hz: Triple
     bandwidth_hz: Triple | None
+    damping: Triple
     bias_unit: Triple
     bias_session: Triple
     bias_run: Triple
@@ -113,7 +114,7 @@ class Triad:
     def _terms_of(self, i: int) -> gaussian.Gaussians:
         white: gaussian.GaussianTerm = noise.White(self.N[i])
         if self.bandwidth_hz is not None:
-            white = noise.BandLimited(self.N[i], self.bandwidth_hz[i])
+            white = noise.BandLimited(self.N[i], self.bandwidth_hz[i], self.damping[i])
         line = noise.Line(self.line[i], self.line_hz[i], self.line_width_hz[i])
         every = (
             (self.N[i], white),
@@ -132,7 +133,8 @@ class Triad:
         """An axis's tone as it comes out, behind the filter if there is one."""
         amplitude, f = self.tone[i], self.tone_hz[i]
         if self.bandwidth_hz is not None:
-            amplitude /= np.sqrt(1 + (f / self.bandwidth_hz[i]) ** 4)
+            low_pass = noise.BandLimited(1.0, self.bandwidth_hz[i], self.damping[i])
+            amplitude *= np.sqrt(low_pass.gain_squared(f))
         return noise.Sinusoid(float(amplitude), f)
 
     def allan_variance(self, tau: np.ndarray, dt: float) -> np.ndarray:

@@ -13,6 +13,9 @@ import numpy as np
 
 from lbgc.sensor.gaussian import GaussianTerm, MeansModel, sde_means_model
 
+BUTTERWORTH = float(np.sqrt(0.5))
+"""Damping of a maximally flat second-order low-pass."""
+
 
 @dataclass(frozen=True)
 class White(GaussianTerm):
@@ -168,32 +171,47 @@ class Line(GaussianTerm):
 
 @dataclass(frozen=True)
 class BandLimited(GaussianTerm):
-    """White noise N behind a second-order Butterworth low-pass, -3 dB at `bandwidth`.
+    """White noise N behind a second-order low-pass of natural frequency `bandwidth`.
 
-    PSD N^2/(1 + (f/bandwidth)^4). With w0 = 2 pi bandwidth the output has variance
-    N^2 w0/(2 sqrt 2), and Re((1 - i) e^(l|t|)) of that as covariance, l = w0 (-1 + i)/sqrt 2.
-    Slow terms pass the filter unchanged; a constant too.
+    PSD N^2/((1 - x^2)^2 + (2 damping x)^2), x = f/bandwidth; with the usual damping of 0.707
+    (Butterworth) that is N^2/(1 + x^4), -3 dB at `bandwidth`. With w0 = 2 pi bandwidth the poles
+    l1, l2 are w0 (-damping +- sqrt(damping^2 - 1)), the output's variance is N^2 w0/(4 damping) and
+    its covariance that times (l1 e^(l2 |t|) - l2 e^(l1 |t|))/(l1 - l2). Slow terms pass the filter
+    unchanged; a constant too.
     """
 
     N: float
     """unit/sqrt(Hz), two-sided, before the filter."""
     bandwidth: float
     """Hz"""
+    damping: float = BUTTERWORTH
+
+    def gain_squared(self, f: np.ndarray | float) -> np.ndarray:
+        x = np.asarray(f, dtype=float) / self.bandwidth
+        return 1 / ((1 - x**2) ** 2 + (2 * self.damping * x) ** 2)
+
+    def _variance(self) -> float:
+        return self.N**2 * 2 * np.pi * self.bandwidth / (4 * self.damping)
 
     def means_model(self, interval: float) -> MeansModel:
         w = 2 * np.pi * self.bandwidth
-        F = w * np.array([[0.0, 1.0], [-1.0, -np.sqrt(2)]])  # of the output and its rate over w
+        # of the output and its rate over w
+        F = w * np.array([[0.0, 1.0], [-1.0, -2 * self.damping]])
         diffusion = np.diag([0.0, (w * self.N) ** 2])
-        start = self.N**2 * w / (2 * np.sqrt(2)) * np.eye(2)
+        start = self._variance() * np.eye(2)
         return sde_means_model(F, diffusion, np.array([1.0, 0.0]), start, interval)
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
+        # critical damping has one double pole; a hair beside it is the same to rounding
+        damping = self.damping + 1e-6 * (abs(self.damping - 1) < 1e-6)
+        root = np.sqrt(complex(damping**2 - 1))
         w = 2 * np.pi * self.bandwidth
-        rate = complex(-1, 1) * w / np.sqrt(2)
-        return self.N**2 * w / (2 * np.sqrt(2)) * _exponential_allan(rate, complex(1, -1), tau)
+        one, two = w * (-damping + root), w * (-damping - root)
+        first = _exponential_allan(one, -two / (one - two), tau)
+        return self._variance() * (first + _exponential_allan(two, one / (one - two), tau))
 
     def psd(self, f: np.ndarray) -> np.ndarray:
-        return self.N**2 / (1 + (np.asarray(f, dtype=float) / self.bandwidth) ** 4)
+        return self.N**2 * self.gain_squared(f)
 
 
 @dataclass(frozen=True)
