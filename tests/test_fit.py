@@ -12,7 +12,7 @@ from test_logs import write
 import lbgc.fit
 from lbgc.errors import build
 from lbgc.fit import FitConfig
-from lbgc.sensor import fitting, gaussian
+from lbgc.sensor import fitting, gaussian, likelihood
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.noise import (
     AngleQuantisation,
@@ -44,7 +44,7 @@ def test_predicted_variances_of_the_low_coefficients_are_exact(term):
     n, h = 64, 3.0
     covariance = gaussian.covariance_of_means((term,), n, h)
     exact = np.diag(scipy.fft.dctn(covariance, norm="ortho"))[1:] * h
-    np.testing.assert_allclose(fitting._low_variance(term, n, h, n - 1), exact, rtol=1e-9)
+    np.testing.assert_allclose(likelihood.low_variance(term, n, h, n - 1), exact, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -58,19 +58,19 @@ def test_predicted_variances_of_the_low_coefficients_are_exact(term):
 def test_predicted_variances_are_those_of_drawn_series(terms, rng):
     """Summed over ten groups of ordinates of 40 series: relative sd sqrt(2/count), 4.5 of them."""
     data = pooled(series(terms, rng, 600, 40), 1 / RATE)
-    likelihood = fitting.Likelihood(data, [])
+    empty = likelihood.Likelihood(data, [])
     predicted = sum(
         np.concatenate(
             [
-                fitting._low_variance(t, data.blocks, data.interval, likelihood.lows),
-                fitting._high_variance(t, data.f, data.dt),
+                likelihood.low_variance(t, data.blocks, data.interval, empty.lows),
+                likelihood.high_variance(t, data.f, data.dt),
             ]
         )
         for t in terms
     )
     for group in np.array_split(np.arange(len(predicted)), 10):
-        count = likelihood.count[group].sum()
-        ratio = np.sum(likelihood.power[group] / predicted[group]) / count
+        count = empty.count[group].sum()
+        ratio = np.sum(empty.power[group] / predicted[group]) / count
         assert abs(ratio - 1) < 4.5 * np.sqrt(2 / count) + 0.01
 
 
@@ -78,7 +78,9 @@ def test_coefficients_and_intervals_of_an_hour(rng):
     """40 axis-logs: N, B and K within the Fisher spread, intervals holding (binomial 4 sigma)."""
     true = {"N": 1.0, "B": 0.5, "K": 0.1}
     terms = (White(1.0), Flicker(0.5), RandomWalk(0.1))
-    fits = [fitting.fit(ordinates(y, 0.01), fitting.core()) for y in series(terms, rng, HOUR, 40)]
+    fits = [
+        fitting.fit(ordinates(y, 0.01), likelihood.core()) for y in series(terms, rng, HOUR, 40)
+    ]
     fisher = {"N": 0.0012, "B": 0.059, "K": 0.142}
     for name, value in true.items():
         errors = np.array([f.estimates[name].value / value - 1 for f in fits])
@@ -91,7 +93,8 @@ def test_coefficients_and_intervals_of_an_hour(rng):
 def test_what_is_not_there_is_an_upper_limit(rng):
     """White noise alone: B and K are limits, not numbers, in about 95% of logs."""
     fits = [
-        fitting.fit(ordinates(y, 0.01), fitting.core()) for y in series((White(1.0),), rng, 900, 20)
+        fitting.fit(ordinates(y, 0.01), likelihood.core())
+        for y in series((White(1.0),), rng, 900, 20)
     ]
     for name in ("B", "K"):
         assert np.mean([f.estimates[name].is_limit for f in fits]) >= 0.75
@@ -116,7 +119,7 @@ def test_tones_are_found_and_kept_out_of_the_noise(rng):
     (tone,) = data.tones
     assert tone.f == pytest.approx(17.3, abs=1e-3)
     assert tone.amplitude == pytest.approx(0.5, rel=0.15)  # 1 sigma is 5%
-    assert fitting.fit(data, fitting.core()).estimates["N"].value == pytest.approx(1.0, rel=0.01)
+    assert fitting.fit(data, likelihood.core()).estimates["N"].value == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_strong_tone_is_no_line(rng):

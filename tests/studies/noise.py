@@ -23,6 +23,7 @@ from lbgc.data import logs
 from lbgc.fit import FitConfig
 from lbgc.sensor import fitting, gaussian
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
+from lbgc.sensor.likelihood import Likelihood, core
 from lbgc.sensor.noise import (
     AngleQuantisation,
     BandLimited,
@@ -202,7 +203,7 @@ def fisher(sensor: dict, seconds: float) -> dict[str, float]:
     solved = [inverse @ part for part in parts.values()]
     information = np.array([[0.5 * np.sum(a * b.T) for b in solved] for a in solved])
     data = ordinates(generator(9).standard_normal(round(seconds / dt)), dt)
-    likelihood = fitting.Likelihood(data, fitting.core())
+    likelihood = Likelihood(data, core())
     v, J = likelihood.variance(np.log([sensor[name] for name in units]))
     above = np.concatenate([np.zeros(likelihood.lows, bool), data.f > 1 / (2 * interval)])
     A = J[above] / v[above, None]
