@@ -213,13 +213,13 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
 
 
 def _spelled(e: Estimate, key: str) -> str:
-    scale, unit = _scale(key), unit_of(key)
+    scale, unit = _scale(key), f" {unit_of(key)}".rstrip()
     if e.is_limit:
         return (
-            f"below {e.upper / scale:.3g} {unit} (95%); this log cannot tell it from zero, a "
-            "longer one may"
+            f"below {e.upper / scale:.3g}{unit} (95%); this log cannot tell it from zero, a longer "
+            "one may"
         )
-    return f"{e.value / scale:.4g} {unit}, 95% {e.low / scale:.4g} to {e.high / scale:.4g}"
+    return f"{e.value / scale:.4g}{unit}, 95% {e.low / scale:.4g} to {e.high / scale:.4g}"
 
 
 def sensor_yaml(
