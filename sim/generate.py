@@ -23,7 +23,7 @@ from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
-from lbgc.sensor.imu import Disturbance, Triad, TriadErrors
+from lbgc.sensor.imu import Disturbance, Timing, Triad, TriadErrors
 from lbgc.sensor.streams import Purpose
 from sim.motion import rest
 from sim.scene import SceneConfig, try_picture
@@ -77,6 +77,18 @@ class GenerateConfig:
         good = len(self.split) == 3 and min(self.split) >= 0 and sum(self.split) > 0
         require(good, "split", self.split, "must be three shares, like [70, 10, 20]")
         self._check_rates()
+        self._check_means()
+
+    def _check_means(self) -> None:
+        """Means are of samples that all came."""
+        timing = self.imu.timing
+        for name, value in vars(timing).items():
+            require(
+                self.output == "samples" or value == 0,
+                f"imu.timing.{name}",
+                value,
+                "is of samples; use output=samples, or 0 here",
+            )
 
     def _check_rates(self) -> None:
         physics = self.scene.physics_hz
@@ -125,6 +137,7 @@ class _Sensor:
 
     gyro: Triad
     accel: Triad
+    timing: Timing
     config: GenerateConfig
 
     def measure(
@@ -147,7 +160,8 @@ class _Sensor:
 
 def main(config: GenerateConfig) -> Path:
     """Generate the dataset (or what is missing of it) and return its path."""
-    sensor = _Sensor(config.imu.gyro.triad(), config.imu.accel.triad(), config)
+    imu = config.imu
+    sensor = _Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
     latitude = float(np.deg2rad(config.latitude))
     if config.output == "means":
         sensor.gyro.check_means("imu.gyro", 1 / config.rate_hz, EARTH_RATE)
@@ -221,7 +235,11 @@ def _recording(config: GenerateConfig, sensor: _Sensor, i: int) -> dict[str, np.
 
     of_unit = streams.unit(config.unit_seed, unit)
     of_session = streams.session(config.unit_seed, unit, session)
-    values: dict[str, np.ndarray | float | int] = {}
+    n = config.samples // config.block
+    time_error, lost = sensor.timing.draw(
+        streams.recording(config.seed, i, Purpose.TIMING), n, 1 / config.rate_hz
+    )
+    values: dict[str, np.ndarray | float | int] = {"time_error": time_error, "lost": lost}
     force = truth.f_ib_b[:, None]
     for name, triad, purpose, feels, disturbed_by in (
         ("gyro", sensor.gyro, Purpose.GYRO, truth.omega_ib_b[:, None], force),
@@ -231,9 +249,8 @@ def _recording(config: GenerateConfig, sensor: _Sensor, i: int) -> dict[str, np.
         errors = triad.draw_run(rng, triad.draw_unit(of_unit), triad.draw_session(of_session))
         # Kept axis by axis in memory, as the store keeps it; logically (time, axis).
         printed, saturated = sensor.measure(triad, rng, feels, errors, disturbed_by)
-        values[name], values[f"{name}_saturated"] = printed.T, saturated
+        values[name], values[f"{name}_saturated"] = Timing.held(printed, lost).T, saturated
         values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
-    n = config.samples // config.block
     values |= {
         "plate_angle": np.zeros(n),
         "stage": np.zeros(n, np.int8),

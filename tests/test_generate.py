@@ -19,8 +19,12 @@ SMALL = {"recordings": 20, "rate_hz": 50.0, "duration_s": 20.0}
 
 
 def recording(config: GenerateConfig, i: int) -> dict[str, np.ndarray]:
-    gyro, accel = config.imu.gyro.triad(), config.imu.accel.triad()
-    return sim.generate._recording(config, sim.generate._Sensor(gyro, accel, config), i)
+    return sim.generate._recording(config, sensor(config), i)
+
+
+def sensor(config: GenerateConfig) -> sim.generate._Sensor:
+    imu = config.imu
+    return sim.generate._Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
 
 
 @pytest.fixture(scope="module")
@@ -163,9 +167,8 @@ def test_every_field_changes_the_dataset(field, tmp_path):
         assert sim.generate._path(changed).name == "elsewhere.zarr"
     elif field == "recordings":
         layout = sim.generate._layout
-        triads = base.imu.gyro.triad(), base.imu.accel.triad()
-        sensor = sim.generate._Sensor(*triads, base)
-        assert layout(changed, sensor).recordings == layout(base, sensor).recordings - 59
+        own = sensor(base)
+        assert layout(changed, own).recordings == layout(base, own).recordings - 59
     else:
         before, after = ([recording(c, i) for i in range(20)] for c in (base, changed))
         assert any(
@@ -215,6 +218,27 @@ def test_means_and_samples_are_the_same_sensor(tmp_path):
         assert np.abs(difference).max() < np.deg2rad(3 / 3600)
 
 
+def test_timestamps_jitter_and_samples_get_lost():
+    """5% of 5,000 samples within 4.5 sampling errors; a lost one repeats the last that came."""
+    config = default_config("rate_hz=50", "duration_s=100")
+    asked = default_config(
+        "rate_hz=50", "duration_s=100", "imu.timing.jitter_s=1e-3", "imu.timing.dropped_share=0.05"
+    )
+    whole, torn = recording(config, 3), recording(asked, 3)
+    lost = torn["lost"].astype(bool)
+    assert lost.mean() == pytest.approx(0.05, abs=4.5 * np.sqrt(0.05 * 0.95 / 5000))
+    np.testing.assert_array_equal(torn["gyro"][~lost], whole["gyro"][~lost])
+    np.testing.assert_array_equal(torn["accel"][1:][lost[1:]], torn["accel"][:-1][lost[1:]])
+    assert torn["time_error"].std() == pytest.approx(1e-3, rel=4.5 / np.sqrt(10_000))
+    assert not whole["time_error"].any()
+    assert not whole["lost"].any()
+
+
+def test_timestamps_are_printed_in_order():
+    config = default_config("rate_hz=50", "duration_s=20", "imu.timing.jitter_s=0.1")
+    assert (np.diff(np.arange(1, 1001) / 50 + recording(config, 0)["time_error"]) > -1e-12).all()
+
+
 def test_at_the_pole_generation_warns(cli):
     done = cli("sim.generate", "latitude=90", "recordings=1", "rate_hz=10", "duration_s=10")
     assert done.code == 0
@@ -241,6 +265,7 @@ def test_at_the_pole_generation_warns(cli):
         ("protocol.step_deg=-5", "protocol.step_deg = -5.0 deg"),
         ("latitude=[", "latitude=[: no viable alternative"),
         ("seed=-1", "seed = -1: must not be negative"),
+        ("imu.timing.dropped_share=1", "imu.timing.dropped_share = 1.0: must be below 1"),
     ],
 )
 def test_bad_input_is_named_and_leaves_nothing_behind(cli, tmp_path, override, says):
@@ -249,6 +274,12 @@ def test_bad_input_is_named_and_leaves_nothing_behind(cli, tmp_path, override, s
     assert says in done.err
     assert "Traceback" not in done.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_means_cannot_lose_samples(cli, tmp_path):
+    done = cli("sim.generate", "output=means", "imu.timing.jitter_s=0.001")
+    assert done.code == 2
+    assert "imu.timing.jitter_s = 0.001 s: is of samples; use output=samples" in done.err
 
 
 def test_an_out_of_another_configuration_is_refused_and_kept(cli, tmp_path):

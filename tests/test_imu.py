@@ -299,3 +299,24 @@ def test_warming_up_is_averaged_exactly():
     t = 5.0 + np.arange(3) * 1e-6
     np.testing.assert_allclose(warming.rise(3, 1e-6), 12 * (1 - np.exp(-t / 40)), rtol=1e-6)
     assert warming.rise(10_000, 1.0)[-1] == pytest.approx(12.0)
+
+
+def test_what_moves_comes_through_the_output_filter_and_what_rests_does_not_notice():
+    triad = GyroConfig(bandwidth_hz=5.0).triad()
+    errors = triad.draw_run(np.random.default_rng(0), UnitErrors.none(), np.zeros(3))
+    ramp = np.linspace(0, 1, 2000) * np.ones((3, 1))
+    printed, _ = triad.measure(np.random.default_rng(1), ramp, errors, 2000, 0.01)
+    late = (ramp - printed)[:, -1] / (ramp[0, 1] - ramp[0, 0]) * 0.01
+    np.testing.assert_allclose(late, 2 * 0.707107 / (2 * np.pi * 5.0), rtol=1e-3)
+    still, _ = triad.measure(np.random.default_rng(1), np.full((3, 1), 0.3), errors, 100, 0.01)
+    np.testing.assert_allclose(still, 0.3, rtol=1e-6)
+
+
+def test_means_of_what_moves_are_averages_of_its_samples(rng):
+    triad = GyroConfig(bandwidth_hz=5.0, misalignment_unit_mrad=10.0).triad()
+    errors = triad.draw_run(rng, triad.draw_unit(rng), np.zeros(3))
+    moving = np.cumsum(rng.standard_normal((3, 600)), axis=1)
+    warm = Disturbance(rise_k=5.0, time_s=3.0)
+    fine, _ = triad.measure(rng, moving, errors, 600, 0.01, warm)
+    means = triad.measure_means(rng, moving, errors, 20, 0.01, 30, warm)
+    np.testing.assert_allclose(means, fine.reshape(3, 20, 30).mean(axis=2), rtol=1e-4, atol=1e-5)

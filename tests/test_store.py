@@ -141,7 +141,7 @@ def test_what_is_no_dataset_is_refused_and_left_alone(tmp_path, content):
 
 def test_another_schema_is_refused_by_number(dataset):
     zarr.open_group(dataset.path, mode="r+").attrs["schema"] = 999
-    with pytest.raises(InputError, match="has schema 999, this version reads 1"):
+    with pytest.raises(InputError, match="has schema 999, this version reads 2"):
         Dataset.open(dataset.path)
 
 

@@ -22,7 +22,7 @@ from lbgc.data.record import Record
 from lbgc.errors import InputError, require
 from lbgc.outputs import fingerprint
 
-SCHEMA = 1
+SCHEMA = 2
 """Changes whenever the same configuration would give other bytes, or a reader would be misled."""
 
 SPLITS = ("train", "validation", "test")
@@ -47,6 +47,7 @@ _VECTOR = ("recording", "axis")
 _MATRIX = ("recording", "axis", "axis_in")
 
 _OFF = ("free", "saturated")
+_CAME = ("came", "lost")
 _TRIADS = (("gyro", "rad s-1", "angular rate"), ("accel", "m s-2", "specific force"))
 VARIABLES: dict[str, Variable] = {
     "gyro": Variable(_T, "", "rad s-1", "angular rate omega_ib_b, as the sensor gives it"),
@@ -57,6 +58,12 @@ VARIABLES: dict[str, Variable] = {
     "gyro_saturated": Variable(("recording", "time"), "int8", "1", "a gyro is at its range", _OFF),
     "accel_saturated": Variable(
         ("recording", "time"), "int8", "1", "an accelerometer is at its range", _OFF
+    ),
+    "time_error": Variable(
+        ("recording", "time"), "float32", "s", "printed time of a sample less its true time"
+    ),
+    "lost": Variable(
+        ("recording", "time"), "int8", "1", "a sample that repeats the last one that came", _CAME
     ),
     "stage": Variable(("recording", "time"), "int8", "1", "what the plate is doing", STAGES),
     "heading": Variable(

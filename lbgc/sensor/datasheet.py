@@ -6,7 +6,7 @@ import numpy as np
 
 from lbgc import units
 from lbgc.errors import Axes, require, require_not_negative
-from lbgc.sensor.imu import Triad, Triple
+from lbgc.sensor.imu import Timing, Triad, Triple
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class GyroConfig:
     line_width_hz: Axes = 0.0
     """Its full width at half power."""
     bandwidth_hz: Axes | None = None
-    """Of the second-order low-pass behind which the white noise and the tone come out; null: the
-    mean over the sample's interval alone."""
+    """Of the second-order low-pass behind which the white noise, the tone and what moves come out;
+    null: the mean over the sample's interval alone."""
     filter_damping: Axes = 0.707107
     """Of that low-pass; 0.707 (Butterworth) makes the bandwidth its -3 dB point."""
     g_sensitivity_deg_per_h_per_g: Axes = 0.0
@@ -123,8 +123,8 @@ class AccelConfig:
     line_width_hz: Axes = 0.0
     """Its full width at half power."""
     bandwidth_hz: Axes | None = None
-    """Of the second-order low-pass behind which the white noise and the tone come out; null: the
-    mean over the sample's interval alone."""
+    """Of the second-order low-pass behind which the white noise, the tone and what moves come out;
+    null: the mean over the sample's interval alone."""
     filter_damping: Axes = 0.707107
     """Of that low-pass; 0.707 (Butterworth) makes the bandwidth its -3 dB point."""
     flicker_short_s: float = 1.0
@@ -197,11 +197,29 @@ class TemperatureConfig:
 
 
 @dataclass(frozen=True)
+class TimingConfig:
+    """What happens to samples between the sensor and the file."""
+
+    jitter_s: float = 0.0
+    """1 sigma of a timestamp about the true time."""
+    dropped_share: float = 0.0
+    """Of the samples, lost at random; the file repeats the last one that came, and flags it."""
+
+    def __post_init__(self) -> None:
+        require_not_negative(self, "jitter_s", "dropped_share")
+        require(self.dropped_share < 1, "dropped_share", self.dropped_share, "must be below 1")
+
+    def timing(self) -> Timing:
+        return Timing(self.jitter_s, self.dropped_share)
+
+
+@dataclass(frozen=True)
 class ImuConfig:
     """An IMU: what `conf/imu/*.yaml` holds."""
 
     name: str = "custom"
     """How reports call it."""
+    timing: TimingConfig = field(default_factory=TimingConfig)
     temperature: TemperatureConfig = field(default_factory=TemperatureConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
     accel: AccelConfig = field(default_factory=AccelConfig)

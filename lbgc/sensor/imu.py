@@ -4,8 +4,8 @@
 
 M holds scale factor errors (diagonal) and misalignments (off it). What stays for how long is the
 point: `unit` errors belong to the serial number, `session` to a power-up, `run` to one recording;
-the noise terms evolve within it. Rounding to counts and clipping to the range are not linear and
-stand outside the exact law of block means.
+the noise terms evolve within it. Rounding to counts, clipping to the range and losing samples are
+not linear and stand outside the exact law of block means.
 """
 
 from dataclasses import dataclass, field
@@ -16,6 +16,7 @@ import numpy as np
 from lbgc import units
 from lbgc.errors import InputError
 from lbgc.sensor import gaussian, noise
+from lbgc.sensor.low_pass import low_pass
 
 Triple = tuple[float, float, float]
 
@@ -66,6 +67,35 @@ class Disturbance:
         start = (self.since_power_up_s + np.arange(n) * dt) / self.time_s
         u = dt / self.time_s
         return self.rise_k * (1 - np.exp(-start) * -np.expm1(-u) / u)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What happens to samples between the sensor and the file."""
+
+    jitter_s: float = 0.0
+    """1 sigma of a timestamp about the true time"""
+    dropped_share: float = 0.0
+    """Of the samples, lost independently of each other"""
+
+    def draw(self, rng: np.random.Generator, n: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """What is printed as each sample's time less the true time, (n,) in s, and which samples
+        are lost, bool (n,). Samples are printed in order, so that timestamps never decrease; the
+        first one always arrives."""
+        time = np.arange(1, n + 1) * dt
+        printed = time
+        if self.jitter_s > 0:
+            printed = np.maximum.accumulate(time + self.jitter_s * rng.standard_normal(n))
+        lost = rng.random(n) < self.dropped_share
+        lost[0] = False
+        return printed - time, lost
+
+    @staticmethod
+    def held(printed: np.ndarray, lost: np.ndarray) -> np.ndarray:
+        """A lost sample repeats the last one that arrived, as drivers do. printed : (3, n)."""
+        if not lost.any():
+            return printed
+        return printed[:, np.maximum.accumulate(np.where(lost, 0, np.arange(len(lost))))]
 
 
 @dataclass(frozen=True)
@@ -208,7 +238,8 @@ class Triad:
 
         truth : (3, n), or (3, 1) where it is constant; means over (t_k - dt, t_k].
         """
-        signal = self._linear(rng, truth, errors, n, dt, disturbance)
+        signal = self._noise(rng, errors, n, dt)
+        signal += self._response(truth, errors, n, dt, disturbance)
         saturated = np.zeros(n, bool)
         if self.range is not None:
             saturated = (np.abs(signal) > self.range).any(axis=0)
@@ -233,11 +264,18 @@ class Triad:
     ) -> np.ndarray:
         """n means over `block` samples each, float32 (3, n), with the law of averaging `measure`.
 
+        truth : (3, n block), the samples' own, or (3, 1) where it is constant.
+
         Rounding enters as the white noise that it is while the samples' noise exceeds half a count
         (`check_means` refuses where it does not, and where the range would clip); carried counts
         as angle quantisation of a twelfth of their square.
         """
-        means = self._linear(rng, truth, errors, n, dt * block, disturbance)
+        means = self._noise(rng, errors, n, dt * block)
+        if truth.shape[1] == 1:
+            means += self._response(truth, errors, n, dt * block, disturbance)
+        else:
+            response = self._response(truth, errors, n * block, dt, disturbance)
+            means += response.reshape(3, n, block).mean(axis=2)
         if self.carried_lsb is not None:
             rest = noise.AngleQuantisation(self.carried_lsb / np.sqrt(12))
             means += rest.sample_means(rng, (3, n), dt, block)
@@ -246,23 +284,11 @@ class Triad:
             means += rng.standard_normal((3, n), dtype=np.float32) * np.float32(rounding)
         return means
 
-    def _linear(
-        self,
-        rng: np.random.Generator,
-        truth: np.ndarray,
-        errors: TriadErrors,
-        n: int,
-        dt: float,
-        disturbance: "Disturbance | None",
+    def _noise(
+        self, rng: np.random.Generator, errors: TriadErrors, n: int, dt: float
     ) -> np.ndarray:
-        """Everything but rounding and clipping: its means over dt have the law of its samples'."""
-        constant = (np.eye(3) + errors.matrix) @ truth + errors.bias[:, None]
-        if disturbance is not None and disturbance.force is not None:
-            constant = constant + errors.g_sensitivity @ disturbance.force
-        if disturbance is not None and disturbance.rise_k != 0:
-            warmth = disturbance.rise(n, dt)
-            constant = constant + errors.bias_per_k[:, None] * warmth
-            constant = constant + errors.scale_per_k[:, None] * truth * warmth
+        """The in-run terms, tone and ramp: float32 (3, n). Its means over dt have the law of its
+        samples' averages."""
         signal = np.empty((3, n), np.float32)
         for axis, terms in enumerate(self.terms):
             signal[axis] = gaussian.sample(terms, rng, (n,), dt)
@@ -270,7 +296,28 @@ class Triad:
                 signal[axis] += self.tone_of(axis).at_phase(errors.tone_phase[axis], n, dt)
             if self.R[axis] > 0:
                 signal[axis] += noise.Ramp(self.R[axis]).with_sign(errors.ramp_sign[axis], n, dt)
-        signal += constant
+        return signal
+
+    def _response(
+        self,
+        truth: np.ndarray,
+        errors: TriadErrors,
+        n: int,
+        dt: float,
+        disturbance: "Disturbance | None",
+    ) -> np.ndarray:
+        """What the truth alone would give, (3, n) or (3, 1): scale, misalignment, biases,
+        g-sensitivity, warming up, and the output filter on what moves."""
+        signal = (np.eye(3) + errors.matrix) @ truth + errors.bias[:, None]
+        if disturbance is not None and disturbance.force is not None:
+            signal = signal + errors.g_sensitivity @ disturbance.force
+        if disturbance is not None and disturbance.rise_k != 0:
+            warmth = disturbance.rise(n, dt)
+            signal = signal + errors.bias_per_k[:, None] * warmth
+            signal = signal + errors.scale_per_k[:, None] * truth * warmth
+        if truth.shape[1] > 1 and self.bandwidth_hz is not None:
+            for axis, shape in enumerate(zip(self.bandwidth_hz, self.damping, strict=True)):
+                signal[axis] = low_pass(signal[axis], *shape, dt)
         return signal
 
     def check_means(self, name: str, dt: float, largest_truth: float) -> None:

@@ -15,6 +15,8 @@ class Purpose(IntEnum):
     LABELS = 0
     GYRO = 1
     ACCEL = 2
+    TIMING = 3
+    MOTION = 4
 
 
 _RECORDING, _UNIT, _SESSION, _SPLIT, _TRAINING = range(5)
