@@ -27,7 +27,8 @@ class CalibrateConfig:
     """What `conf/calibrate.yaml` holds."""
 
     means: str | None = None
-    """A CSV file of recording means: heading_deg, gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s."""
+    """A CSV file of recording means: heading_deg, gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s, and
+    session (which power-up) where that is known."""
     latitude: float | None = None
     """degrees, of those means"""
     data: str | None = None
@@ -44,31 +45,35 @@ class CalibrateConfig:
 
 def main(config: CalibrateConfig) -> Path:
     """Calibrate, print what was found, write it as JSON; return the file."""
-    rates, heading, latitude, name = _read(config)
+    rates, heading, latitude, session, name = _read(config)
     if len(rates) < FEWEST:
         raise InputError(name, len(rates), "recordings", f"are too few: {FEWEST} at the least")
-    found = calibrate(rates, heading, latitude)
+    found = calibrate(rates, heading, latitude, session)
     print(report(found, name))
     directory = task_directory("calibrate", fingerprint({**asdict(config), "name": name}))
-    content = {k: np.asarray(v).tolist() for k, v in vars(found).items()}
+    content = {k: None if v is None else np.asarray(v).tolist() for k, v in vars(found).items()}
     write_atomically(directory / "calibration.json", json.dumps(content, indent=2) + "\n")
     mark_latest(directory)
     return directory / "calibration.json"
 
 
-def _read(config: CalibrateConfig) -> tuple[np.ndarray, np.ndarray, float, str]:
-    """Mean rates (R, 3) in rad/s, headings (R,), latitude in rad, and what they are from."""
+def _read(config: CalibrateConfig) -> tuple[np.ndarray, np.ndarray, float, np.ndarray | None, str]:
+    """Mean rates (R, 3) in rad/s, headings (R,) and latitude in rad, sessions (R,) where known, and
+    what they are from."""
     if config.means is not None:
         assert config.latitude is not None
-        table = logs.columns(config.means, COLUMNS)
-        return table[:, 1:] * DEG, table[:, 0] * DEG, config.latitude * DEG, config.means
+        table = logs.columns(config.means, COLUMNS, optional=("session",))
+        session = table[:, 4] if table.shape[1] > 4 else None
+        rates, heading = table[:, 1:4] * DEG, table[:, 0] * DEG
+        return rates, heading, config.latitude * DEG, session, config.means
     if config.data is not None:
         dataset = Dataset.open_finished(config.data)
         units = len(np.unique(dataset.label("unit")))
         require(units == 1, "data", config.data, f"has {units} units; a calibration is of one")
-        return *_means(list(dataset.records(np.arange(len(dataset))))), str(dataset.path)
+        records = list(dataset.records(np.arange(len(dataset))))
+        return *_means(records), dataset.label("session"), str(dataset.path)
     assert config.log is not None
-    return *_means(list(logs.read(config.log))), config.log.name
+    return *_means(list(logs.read(config.log))), None, config.log.name
 
 
 def _means(records: list[Record]) -> tuple[np.ndarray, np.ndarray, float]:
@@ -88,8 +93,12 @@ def report(c: Calibration, name: str) -> str:
     lines = [f"{name}: {c.recordings} recordings of one unit"]
     for axis, label in enumerate(("forward", "right", "down")):
         bias, sigma, run = (v[axis] / dph for v in (c.bias, c.bias_sigma, c.run_sigma))
+        between = ""
+        if c.session_sigma is not None:
+            between = f"between sessions {c.session_sigma[axis] / dph:.2f}, "
         lines.append(
-            f"  bias {label:8s} unit {bias:+.2f} +- {sigma:.2f} deg/h, run to run {run:.2f} deg/h"
+            f"  bias {label:8s} unit {bias:+.2f} +- {sigma:.2f} deg/h, {between}run to run "
+            f"{run:.2f} deg/h"
         )
     for axis, label in enumerate(("forward", "right")):
         scale, cross = c.matrix[axis, axis], 1e3 * c.matrix[axis, 1 - axis]

@@ -98,6 +98,8 @@ class Static:
     latitude: float
     heading: np.ndarray | None
     """(R,), rad, where every recording's is known"""
+    session: np.ndarray | None
+    """(R,), which power-up each is from, where that is known"""
 
 
 def main(config: FitConfig) -> Path:
@@ -115,7 +117,7 @@ def main(config: FitConfig) -> Path:
     calibration = None
     if static.heading is not None and len(static.heading) >= calibrate.FEWEST:
         rates = static.gyro.mean(axis=1)
-        calibration = calibrate.calibrate(rates, static.heading, static.latitude)
+        calibration = calibrate.calibrate(rates, static.heading, static.latitude, static.session)
         print(calibrate.report(calibration, static.name))
     yaml = sensor_yaml(config, static, fits, calibration)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
@@ -131,6 +133,7 @@ def main(config: FitConfig) -> Path:
 
 
 def _read(config: FitConfig) -> Static:
+    session = None
     if config.log is not None:
         records = list(logs.read(config.log))
         name = config.log.name
@@ -138,6 +141,7 @@ def _read(config: FitConfig) -> Static:
         assert config.data is not None
         dataset = Dataset.open_finished(config.data)
         records = list(dataset.records(np.arange(min(len(dataset), 64))))
+        session = dataset.label("session")[: len(records)]
         name = str(dataset.path)
     still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
     require(still, "data", name, "has a plate that turns; noise is fitted to resting recordings")
@@ -156,6 +160,7 @@ def _read(config: FitConfig) -> Static:
         1 / records[0].rate_hz,
         records[0].latitude,
         None if any(h is None for h in headings) else np.array(headings, dtype=float),
+        session,
     )
 
 
@@ -284,10 +289,14 @@ def _scale(key: str) -> float:
 
 def _bias_lines(c: Calibration) -> list[str]:
     """Bias by lifetime: this unit's own, as the 1 sigma of units like it, and the scatter."""
-    unit, run = (v / factor("bias_unit_deg_per_h") for v in (np.abs(c.bias), c.run_sigma))
+    session = np.zeros(3) if c.session_sigma is None else c.session_sigma
     return [
-        f"  bias_unit_deg_per_h: [{', '.join(f'{v:.4g}' for v in unit)}]  # this unit",
-        f"  bias_run_deg_per_h: [{', '.join(f'{v:.4g}' for v in run)}]",
+        f"  {key}: [{', '.join(f'{v:.4g}' for v in values / factor(key))}]{comment}"
+        for key, values, comment in (
+            ("bias_unit_deg_per_h", np.abs(c.bias), "  # this unit"),
+            ("bias_session_deg_per_h", session, ""),
+            ("bias_run_deg_per_h", c.run_sigma, ""),
+        )
     ]
 
 

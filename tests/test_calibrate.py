@@ -9,7 +9,7 @@ from test_logs import write
 
 from lbgc.earth import earth_rate_ned
 from lbgc.frames import rotation_z
-from lbgc.sensor.calibration import calibrate
+from lbgc.sensor.calibration import by_lifetime, calibrate
 from lbgc.units import DEG, HOUR
 
 DPH = DEG / HOUR
@@ -37,6 +37,49 @@ def test_run_bias_is_the_scatter(rng):
     found = calibrate(*means(rng, np.zeros(3), np.zeros((3, 3)), 1.0 * DPH, 600), 0.5718)
     np.testing.assert_allclose(found.run_sigma, 1.0 * DPH, rtol=4.5 / np.sqrt(1200))
     assert found.across_rms == pytest.approx(1.0 * DPH, rel=4.5 / np.sqrt(1200))
+
+
+def test_sessions_are_told_from_runs(rng):
+    """Drawn 400 times: 6 power-ups of 5 to 15 recordings, session 2, run 1. The estimators of both
+    variances are unbiased (the session's before it is cut at zero, which it hardly ever is): within
+    4.5 sampling errors; and the bias is off by its own standard error, NEES within 4.5 of its
+    own (and 5% for weights from estimated variances)."""
+    sizes = [5, 7, 9, 11, 13, 15]
+    session = np.repeat(np.arange(6), sizes)
+    found = []
+    for _ in range(400):
+        error = 2.0 * rng.standard_normal((6, 3))[session] + rng.standard_normal((60, 3))
+        found.append(by_lifetime(error + 0.7, session))
+    bias, sigma, run, between = (np.array(x) for x in zip(*found, strict=True))
+    for squares, truth in ((run**2, 1.0), (between**2, 4.0)):
+        error = squares.std() / np.sqrt(squares.size)
+        assert abs(squares.mean() - truth) < 4.5 * error
+    nees = ((bias - 0.7) / sigma) ** 2
+    # five degrees of freedom of the spread: t^2 has mean 5/3
+    assert nees.mean() == pytest.approx(5 / 3, abs=4.5 * nees.std() / np.sqrt(nees.size) + 0.08)
+
+
+def test_one_session_is_no_split(rng):
+    error = rng.standard_normal((20, 3))
+    bias, sigma, run, between = by_lifetime(error, np.zeros(20))
+    assert between is None
+    np.testing.assert_allclose(run, error.std(axis=0, ddof=1))
+    np.testing.assert_allclose(sigma, run / np.sqrt(20))
+    np.testing.assert_allclose(bias, error.mean(axis=0))
+
+
+def test_the_session_is_a_column_of_the_means(cli, tmp_path, rng):
+    rates, heading = means(rng, np.zeros(3), np.zeros((3, 3)), 0.2 * DPH, 60)
+    session = np.arange(60) // 10
+    rates = rates + 3 * DPH * rng.standard_normal((6, 3))[session]
+    names = ("gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
+    table = {"heading_deg": heading / DEG, "session": session}
+    write(tmp_path / "m.csv", table | dict(zip(names, (rates / DEG).T, strict=True)))
+    done = cli("lbgc.calibrate", "means=m.csv", "latitude=32.76")
+    found = json.loads((tmp_path / done.last_line).read_text())
+    assert "between sessions" in done.out
+    np.testing.assert_allclose(np.array(found["run_sigma"]) / DPH, 0.2, rtol=4.5 / np.sqrt(108))
+    assert (np.array(found["session_sigma"]) / DPH > 1.0).all()
 
 
 def test_a_datasets_unit_is_calibrated(cli, tmp_path):

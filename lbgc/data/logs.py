@@ -116,14 +116,16 @@ def read(config: LogConfig) -> Iterator[Record]:
         raise InputError("log.path", path, "", f"cannot be read ({error})") from error
 
 
-def columns(path: str, names: Sequence[str]) -> np.ndarray:
-    """These columns of a CSV or Parquet file, float (rows, columns). Raises InputError."""
+def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
+    """These columns of a CSV or Parquet file, and those of the optional ones that it has: float
+    (rows, columns). Raises InputError."""
     file = _find(path)
     try:
         table = _read_table(file)
     except (OSError, pa.ArrowException) as error:
         raise InputError("file", path, "", f"cannot be read ({error})") from error
-    return _columns(table, "columns", names, file.stem)
+    found = [name for name in optional if name in table.column_names]
+    return _columns(table, "columns", [*names, *found], file.stem)
 
 
 def _find(path: str) -> Path:
