@@ -5,6 +5,7 @@ PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+PEERS := $(VENV)/.peers
 # Recordings that are not part of the project; without them what needs them is left out, by name.
 LBGC_REAL_LOGS ?= $(abspath $(wildcard ../shared/real-logs))
 ifneq ($(LBGC_REAL_LOGS),)
@@ -28,6 +29,11 @@ install: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+# Public tools to compare with; nothing else needs them.
+$(PEERS): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	@touch $@
 
 demo: $(STAMP)
@@ -57,14 +63,14 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(STAMP)
+bench: $(PEERS)
 	PYTHONPATH=tests:tests/studies $(BIN)/python tests/bench/bench.py
 
 STUDIES := $(filter-out common,$(basename $(notdir $(wildcard tests/studies/*.py))))
 
 study: $(addprefix study-,$(STUDIES))
 
-study-%: $(STAMP)
+study-%: $(PEERS)
 	PYTHONPATH=tests:tests/studies $(BIN)/python tests/studies/$*.py
 
 picture: $(STAMP)

@@ -5,8 +5,11 @@
 Every figure of the noise terms and of the fit that this project claims, with plots.
 """
 
+import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -129,24 +132,73 @@ def flicker(report: Report) -> None:
         f"flicker: slope within {np.abs(slope).max():.4f}, plateau within {plateau:.2%} of "
         f"0.664 B from 10 T_short to T_long/10; regression over 400 draws {regressed:+.4f}"
     )
-    np.random.seed(7)  # noqa: NPY002  (the peer draws from numpy's global state)
-    peer = allantools.Noise(nr=2**17, qd=1.0, b=-3)
-    peer.generateNoise()
-    taus = 2.0 ** np.arange(3, 13)
-    rates = np.diff(peer.time_series)
-    _, theirs, _, _ = allantools.oadev(rates, rate=1.0, data_type="freq", taus=taus)
-    own = np.mean(theirs / peer.adev(1.0, taus))
-    slope_peer = np.polyfit(np.log(taus), np.log(theirs), 1)[0]
-    report.line(
-        f"allantools' Kasdin b=-3: {own:.2f} of its own formula over 8 to 4096 samples, "
-        f"slope {slope_peer:+.3f}"
-    )
     report.summary |= {
         "flicker_slope_abs_max": float(np.abs(slope).max()),
         "flicker_plateau_error_percent": 100 * float(plateau),
         "flicker_slope_regressed": float(regressed),
-        "kasdin_slope": float(slope_peer),
     }
+
+
+def kasdin(seconds: float, dt: float) -> np.ndarray:
+    """allantools' flicker of unit Allan deviation: rates (1, n)."""
+    np.random.seed(7)  # noqa: NPY002  (the peer draws from numpy's global state)
+    n = 2 ** int(np.log2(seconds / dt))
+    peer = allantools.Noise(nr=n, qd=1.0, b=-3)
+    peer.generateNoise()
+    return np.diff(peer.time_series)[None] / peer.adev(1.0, 1.0)
+
+
+def imu_error_model(seconds: float, dt: float) -> np.ndarray:
+    """imu-error-model's flicker of unit level, its own definition: rates (3, n)."""
+    from imu_error_model import AxisConfig, ImuConfig, ImuModel
+
+    short, long = CASES["flicker_corners_s"]
+    gyro = AxisConfig(
+        flicker_bias_std=1.0,
+        flicker_min_correlation_time=short,
+        flicker_max_correlation_time=long,
+        flicker_components=8,
+    )
+    model = ImuModel(ImuConfig(gyroscope=gyro), rng=generator(8))
+    still, level = np.zeros(3), np.eye(3)
+    n = round(seconds / dt)
+    turned = [model.measure(k * dt, still, level).delta_theta for k in range(n + 1)]
+    return np.array(turned[1:]).T / dt
+
+
+def peers(report: Report) -> None:
+    """Flicker asked for at a flat level of one, ours and the public generators', in one run."""
+    case, dt = CASES["peers"], CASES["peers"]["dt_s"]
+    term = Flicker(1 / FLOOR, *CASES["flicker_corners_s"])
+    draws: dict[str, Callable[[], np.ndarray]] = {
+        "lbgc": lambda: term.sample(generator(7), (64, round(case["seconds"] / dt)), dt),
+        "allantools, Kasdin b=-3": lambda: kasdin(64 * case["seconds"], dt),
+    }
+    if find_spec("imu_error_model"):
+        draws["imu-error-model"] = lambda: imu_error_model(case["seconds"], dt)
+    else:
+        report.line("imu-error-model: left out, not installed (pip install -e '.[bench]')")
+    blocks = 2 ** np.arange(2, 12)
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    report.line()
+    report.line(f"{'flicker by':24s} level/asked  slope, 8 to 200 s  samples drawn a second")
+    for name, draw in draws.items():
+        started = time.perf_counter()
+        rates = draw()
+        speed = rates.size / (time.perf_counter() - started)
+        drawn = np.sqrt(np.mean([block_allan(rates, int(m)) for m in blocks], axis=1))
+        inside = (blocks * dt >= 8) & (blocks * dt <= 200)
+        slope = np.polyfit(np.log(blocks[inside]), np.log(drawn[inside]), 1)[0]
+        level = float(np.exp(np.mean(np.log(drawn[inside]))))
+        report.line(f"{name:24s} {level:11.2f}  {slope:+17.3f}  {speed:22.3g}")
+        axes.semilogx(blocks * dt, drawn, "o-", markersize=3, label=name)
+        key = name.split(",")[0].replace("-", "_")
+        report.summary |= {f"flicker_slope_{key}": float(slope), f"flicker_level_{key}": level}
+    axes.axhline(1, color="0.5", linewidth=0.8)
+    axes.set(xlabel="averaging time, s", ylabel="Allan deviation over what was asked", ylim=(0, 2))
+    axes.legend(fontsize="small")
+    figure.savefig(report.directory / "peers.png", dpi=120)
 
 
 def means_law(report: Report) -> None:
@@ -314,6 +366,7 @@ if __name__ == "__main__":
     with Report("studies/noise") as study:
         requested_and_delivered(study)
         flicker(study)
+        peers(study)
         means_law(study)
         fits(study)
         adis(study)
