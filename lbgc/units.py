@@ -38,6 +38,11 @@ _SUFFIXES: dict[str, tuple[float, str]] = {
     "hz": (1.0, "Hz"),
     "nm_s_per_rad": (1.0, "N m s/rad"),
     "nm_per_rad": (1.0, "N m/rad"),
+    "nm": (1.0, "N m"),
+    "n": (1.0, "N"),
+    "kg_m2": (1.0, "kg m2"),
+    "kg": (1.0, "kg"),
+    "m": (1.0, "m"),
     "s": (1.0, "s"),
     "latitude": (DEG, "deg"),
 }

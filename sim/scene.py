@@ -4,6 +4,7 @@ python sim/scene.py out=scene.png
 """
 
 import ctypes.util
+import math
 import os
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from lbgc.errors import (
     require_positive,
     run_main,
 )
+from sim.sway import JOINTS, SwayConfig
 
 _BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
 if "MUJOCO_GL" not in os.environ:  # MuJoCo chooses how it renders when it is imported
@@ -27,6 +29,7 @@ if "MUJOCO_GL" not in os.environ:  # MuJoCo chooses how it renders when it is im
             break
 
 import mujoco  # noqa: E402
+import numpy as np  # noqa: E402
 
 XML = Path(__file__).with_name("turntable.xml")
 
@@ -45,6 +48,7 @@ class SceneConfig:
     """Viscous, of the plate's bearing."""
     reference_error_deg: float = 0.2
     """1 sigma of the control module's heading, new every recording."""
+    sway: SwayConfig = field(default_factory=SwayConfig)
 
     def __post_init__(self) -> None:
         require_positive("physics_hz", self.physics_hz)
@@ -64,7 +68,40 @@ def load(config: SceneConfig, gravity: float) -> mujoco.MjModel:
     stiffness, damping = config.servo_stiffness_nm_per_rad, config.servo_damping_nm_s_per_rad
     servo.gainprm[0] = stiffness
     servo.biasprm[:3] = [0.0, -stiffness, -damping]
+    if config.sway.present:
+        return _on_springs(spec, config.sway)
+    for name in JOINTS:
+        spec.delete(spec.actuator(name))
+        spec.delete(spec.joint(name))
     return spec.compile()
+
+
+def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
+    """The vehicle's mass, its roll axis, and springs and dampers of the stated frequencies.
+
+    M is the mass matrix in the pose of rest, table and plate included; with the other joints held,
+    joint i has the stiffness M_ii (2 pi f)^2 and the damping 2 zeta M_ii (2 pi f).
+    """
+    vehicle = spec.body("vehicle")
+    vehicle.mass, vehicle.inertia = sway.mass_kg, sway.inertia_kg_m2
+    vehicle.ipos = [0.0, 0.0, sway.com_height_m]
+    spec.joint("roll").pos = [0.0, 0.0, sway.roll_axis_height_m]
+    spec.joint("pitch").pos = [0.0, 0.0, sway.pitch_axis_height_m]
+    slope = math.radians(sway.roll_axis_slope_deg)
+    spec.joint("roll").axis = [math.cos(slope), 0.0, -math.sin(slope)]
+    for name in ("vehicle", "base", "plate"):
+        spec.body(name).gravcomp = 1.0  # springs are at rest where the vehicle stands
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mass = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    for name, f, zeta in zip(JOINTS, sway.frequency_hz, sway.damping_ratio, strict=True):
+        joint = model.joint(name)
+        i, w = joint.dofadr[0], 2 * math.pi * f
+        joint.stiffness[0] = mass[i, i] * w**2
+        joint.damping[0] = 2 * zeta * mass[i, i] * w
+    return model
 
 
 @dataclass(frozen=True)
@@ -90,7 +127,6 @@ class PictureConfig:
 def picture(config: PictureConfig) -> Path:
     """Render the scene to a PNG, offscreen. Raises InputError where this machine cannot."""
     import matplotlib.image
-    import numpy as np
 
     model = load(config.scene, 9.8)
     data = mujoco.MjData(model)
@@ -119,7 +155,8 @@ def try_picture(out: Path, config: SceneConfig) -> str | None:
 
     Returns None, or why there is no picture.
     """
-    options = [f"scene.{name}={value}" for name, value in vars(config).items()]
+    # At rest the picture is the same, whatever sways.
+    options = [f"scene.{name}={value}" for name, value in vars(config).items() if name != "sway"]
     command = [sys.executable, str(Path(__file__)), f"out='{out.resolve()}'", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     if done.returncode == 0 and out.exists():

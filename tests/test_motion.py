@@ -81,9 +81,9 @@ def test_a_servo_that_never_rests_is_refused():
         rest(undamped, Plan(0.0, 0.5, 0.0), 0.6, 0.0)
 
 
-@pytest.mark.parametrize("field", [f.name for f in fields(SceneConfig)])
+@pytest.mark.parametrize("field", [f.name for f in fields(SceneConfig) if f.name != "sway"])
 def test_every_scene_parameter_changes_something(field):
-    """The reference's error is read by sim/generate.py and tested there."""
+    """The reference's error is read by sim/generate.py and tested there, sway in test_sway.py."""
     changed = replace(SCENE, **{field: 2 * getattr(SCENE, field)})
     if field == "bearing_damping_nm_s_per_rad":
         changed = replace(SCENE, bearing_damping_nm_s_per_rad=1.0)
