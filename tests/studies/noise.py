@@ -222,6 +222,17 @@ def means_law(report: Report) -> None:
         worst = min(worst, ks)
         report.line(f"law of means, {way}: KS p = {ks:.3f} over 500 seeds")
     report.summary["means_law_ks_p"] = float(worst)
+    seconds, rate = 64 * 240.0, 600
+    costs = {}
+    for way, every in (("samples", 1), ("means of 0.25 s", rate // 4)):
+        started = time.perf_counter()
+        shape = (64, round(240 * rate / every))
+        gaussian.sample_means(terms, generator(9), shape, 1 / rate, every)
+        costs[way] = (time.perf_counter() - started) / seconds
+    report.line(
+        "cost of a simulated second at 600 Hz, one axis: "
+        + ", ".join(f"{way} {1e6 * cost:.3g} us" for way, cost in costs.items())
+    )
 
 
 def one_log(sensor: dict, seconds: float, key: tuple[int, ...]) -> list[dict]:
