@@ -19,7 +19,7 @@ help:
 	@echo "make test      check, then the tests"
 	@echo "make check     lint, formatting and types"
 	@echo "make format    put the code into the house style"
-	@echo "make picture   draw docs/turntable.png, the README's picture, anew"
+	@echo "make picture   draw the README's pictures, docs/turntable.png and slew.gif, anew"
 	@echo "make bench     speed against the machine's limits, to outputs/bench/"
 	@echo "make study     every study, to outputs/studies/; make study-NAME: one ($(STUDIES))"
 	@echo "make install   only the environment, in $(VENV)"
@@ -75,6 +75,7 @@ study-%: $(PEERS)
 
 picture: $(STAMP)
 	$(BIN)/python sim/scene.py out=docs/turntable.png
+	$(BIN)/python sim/scene.py out=docs/slew.gif width=640 height=400
 
 clean:
 	rm -rf outputs/* .mypy_cache .pytest_cache .ruff_cache

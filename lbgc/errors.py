@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
@@ -23,6 +24,9 @@ Config = TypeVar("Config")
 
 Axes = float | list[float]
 """A configured value for all three axes, or one for each (forward, right, down)."""
+
+Spread = float | tuple[float, ...]
+"""A configured value, or the [low, high] from which each recording draws its own, uniformly."""
 
 
 class InputError(ValueError):
@@ -62,8 +66,18 @@ def require_not_negative(config: Any, *names: str) -> None:
     """Every named field of a dataclass (a number, or one an axis) must be zero or more."""
     for name in names:
         value = getattr(config, name)
-        lowest = min(value) if isinstance(value, list) else value
+        lowest = min(value) if isinstance(value, list | tuple) else value
         require(lowest >= 0, name, value, "must not be negative")
+
+
+def require_spread(config: Any, *names: str, least: float = 0.0) -> None:
+    """Every named field must be a number, or [low, high], not below `least`."""
+    for name in names:
+        value = getattr(config, name)
+        ends = value if isinstance(value, tuple) else (value, value)
+        ordered = len(ends) == 2 and ends[0] <= ends[1]
+        require(ordered, name, value, "must be a number, or [low, high] to draw from")
+        require(ends[0] >= least, name, value, f"must be {least:g} or more")
 
 
 def build(cls: type[Config], mapping: Mapping[str, Any]) -> Config:
@@ -88,9 +102,10 @@ def _convert(annotation: Any, name: str, value: Any) -> Any:
         options = typing.get_args(annotation)
         if value is None and type(None) in options:
             return None
-        is_list = isinstance(value, list)
+        is_list = isinstance(value, list | tuple)
         for option in options:
-            if (typing.get_origin(option) is list) == is_list and option is not type(None):
+            takes_list = typing.get_origin(option) in (list, tuple)
+            if takes_list == is_list and option is not type(None):
                 return _convert(option, name, value)
         raise InputError(name, value, unit_of(name), f"must be {_spelled(annotation)}")
     if dataclasses.is_dataclass(annotation):
@@ -100,9 +115,9 @@ def _convert(annotation: Any, name: str, value: Any) -> Any:
             return build(annotation, value)  # type: ignore[arg-type]
         except InputError as error:
             raise error.within(name) from None
-    if typing.get_origin(annotation) is list and isinstance(value, list):
-        (item,) = typing.get_args(annotation)
-        return [_convert(item, name, v) for v in value]
+    kind = typing.get_origin(annotation)
+    if kind in (list, tuple) and isinstance(value, list | tuple):
+        return kind(_convert(typing.get_args(annotation)[0], name, v) for v in value)
     if annotation is float and isinstance(value, int | float) and not isinstance(value, bool):
         require(math.isfinite(value), name, value, "must be a finite number")
         return float(value)
@@ -117,7 +132,7 @@ def _spelled(annotation: Any) -> str:
     words = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
     if annotation is type(None):
         return "null"
-    if typing.get_origin(annotation) is list:
+    if typing.get_origin(annotation) in (list, tuple):
         return f"a list [...] of which each is {_spelled(typing.get_args(annotation)[0])}"
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
         return " or ".join(_spelled(option) for option in typing.get_args(annotation))
@@ -141,12 +156,16 @@ def run_main(main: Callable[[Any], Path | None], config_class: type, config_name
         except InputError as error:
             failed.append(str(error))
             print(f"error: {error}", file=sys.stderr)
-            raise
+            if HydraConfig.get().mode == RunMode.MULTIRUN:
+                raise  # a launcher's other process has no other way to say that it failed
+            return
         if path is not None:
             print(path, flush=True)
 
     try:
         hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
+        if failed:
+            sys.exit(2)
     except InputError as error:
         if str(error) not in failed:
             print(f"error: {error}", file=sys.stderr)

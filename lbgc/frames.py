@@ -46,3 +46,40 @@ def matrix_to_euler(c_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     pitch = np.arctan2(-c_nb[..., 2, 0], np.hypot(c_nb[..., 2, 1], c_nb[..., 2, 2]))
     yaw = np.arctan2(c_nb[..., 1, 0], c_nb[..., 0, 0])
     return roll, pitch, yaw
+
+
+def rotation_vector(matrix: np.ndarray) -> np.ndarray:
+    """The rotation vector (axis times angle) of rotations by less than pi: (*S, 3, 3) -> (*S, 3).
+
+    Its sine part is half the vector of M - M'; angle/sin(angle) follows from its length and the
+    trace (Groves 2013, eq. 2.23), so that small rotations keep all their digits.
+    """
+    twice = np.stack(
+        [
+            matrix[..., 2, 1] - matrix[..., 1, 2],
+            matrix[..., 0, 2] - matrix[..., 2, 0],
+            matrix[..., 1, 0] - matrix[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.linalg.norm(twice, axis=-1) / 2
+    angle = np.arctan2(sine, (np.trace(matrix, axis1=-2, axis2=-1) - 1) / 2)
+    small = sine < 1e-4
+    ratio = np.where(small, 1 + sine**2 / 6, angle / np.where(small, 1.0, sine))
+    return twice * (ratio / 2)[..., None]
+
+
+def rotation_matrix(vector: np.ndarray) -> np.ndarray:
+    """The rotation of a rotation vector: (*S, 3), rad -> (*S, 3, 3) (Rodrigues; Groves, 2.17)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    cross = skew(vector)
+    half = np.sinc(angle / (2 * np.pi))  # sin(a/2)/(a/2)
+    return np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross)
+
+
+def skew(vector: np.ndarray) -> np.ndarray:
+    """The matrix whose product with w is the cross product vector x w: (*S, 3) -> (*S, 3, 3)."""
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
+    none = np.zeros_like(x)
+    rows = ((none, -z, y), (z, none, -x), (-y, x, none))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

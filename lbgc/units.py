@@ -17,7 +17,9 @@ _SUFFIXES: dict[str, tuple[float, str]] = {
     "deg_per_h_per_k": (DEG / HOUR, "deg/h/K"),
     "deg_per_h": (DEG / HOUR, "deg/h"),
     "arcsec": (DEG / HOUR, "arcsec"),
+    "arcsec_per_h": (DEG / HOUR**2, "arcsec/h"),
     "deg_per_s": (DEG, "deg/s"),
+    "deg_per_s2": (DEG, "deg/s2"),
     "deg": (DEG, "deg"),
     # A density per sqrt(Hz) is one-sided, the coefficient N is two-sided: hence sqrt(2).
     "deg_per_s_per_sqrt_hz": (DEG / math.sqrt(2.0), "deg/s/sqrt(Hz)"),

@@ -3,7 +3,9 @@
 python sim/generate.py latitude=32.76
 """
 
+import os
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from math import gcd
 from pathlib import Path
@@ -20,13 +22,16 @@ from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require, require_choice, require_positive, run_main
 from lbgc.frames import wrap
 from lbgc.outputs import fingerprint, mark_latest, task_directory
-from lbgc.protocol import ProtocolConfig, plan
+from lbgc.protocol import REST, SETTLE, SLEW, ProtocolConfig, plan
 from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import Disturbance, Timing, Triad, TriadErrors
 from lbgc.sensor.streams import Purpose
-from sim.motion import rest
-from sim.scene import SceneConfig, try_picture
+from sim import motion
+from sim.motion import Draw, Truth
+from sim.physics import Bench, check_servo
+from sim.render import try_picture
+from sim.scene import SceneConfig
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,7 @@ class GenerateConfig:
         require(good, "split", self.split, "must be three shares, like [70, 10, 20]")
         self._check_rates()
         self._check_means()
+        plan(self.protocol, 0, self.duration_s)
 
     def _check_means(self) -> None:
         """Means are of samples that all came."""
@@ -124,6 +130,10 @@ class GenerateConfig:
         """Samples per stored value."""
         return round(self.mean_s * self.rate_hz) if self.output == "means" else 1
 
+    @property
+    def bench(self) -> Bench:
+        return Bench(self.scene, self.rate_hz, self.samples)
+
     def content(self) -> dict:
         """What decides the dataset's content: everything but where it goes."""
         content = asdict(self)
@@ -163,8 +173,11 @@ def main(config: GenerateConfig) -> Path:
     imu = config.imu
     sensor = _Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
     latitude = float(np.deg2rad(config.latitude))
+    planned = plan(config.protocol, 0, config.duration_s)
+    check_servo(config.scene, planned)
     if config.output == "means":
-        sensor.gyro.check_means("imu.gyro", 1 / config.rate_hz, EARTH_RATE)
+        fastest = EARTH_RATE + max((move.rate for move in planned.moves), default=0.0)
+        sensor.gyro.check_means("imu.gyro", 1 / config.rate_hz, fastest)
         sensor.accel.check_means("imu.accel", 1 / config.rate_hz, normal_gravity(latitude))
     if not heading_exists(latitude):
         print(
@@ -178,8 +191,8 @@ def main(config: GenerateConfig) -> Path:
     with tqdm(total=total, unit="rec", desc="generating", disable=not missing) as bar:
         for shard in missing:
             rows = []
-            for i in dataset.layout.rows(shard):
-                rows.append(_recording(config, sensor, i))
+            for row in _recordings(config, sensor, dataset.layout.rows(shard)):
+                rows.append(row)
                 bar.update()
             dataset.write_shard(shard, {n: np.stack([r[n] for r in rows]) for n in rows[0]})
     _illustrate(dataset.path, config.scene)
@@ -222,28 +235,60 @@ def _recipe() -> dict:
     }
 
 
-def _recording(config: GenerateConfig, sensor: _Sensor, i: int) -> dict[str, np.ndarray]:
-    """All variables of recording i, which depend on the configuration and on i alone."""
-    unit = i % config.units
-    session = (i // config.units) % config.sessions
+def _recordings(
+    config: GenerateConfig, sensor: _Sensor, rows: Sequence[int]
+) -> Iterator[dict[str, np.ndarray]]:
+    """All variables of these recordings, each of which depends on the configuration and on its own
+    number alone."""
     latitude = float(np.deg2rad(config.latitude))
-    labels = streams.recording(config.seed, i, Purpose.LABELS)
-    planned = plan(config.protocol, i)
-    azimuth = planned.azimuth_range * (labels.uniform() - 0.5)
-    reference_error = np.deg2rad(config.scene.reference_error_deg) * labels.standard_normal()
-    truth = rest(config.scene, planned, latitude, azimuth)
+    plans = [plan(config.protocol, i, config.duration_s) for i in rows]
+    labels = [streams.recording(config.seed, i, Purpose.LABELS) for i in rows]
+    draws = [
+        motion.draw(
+            config.scene,
+            planned.azimuth_range * (own.uniform() - 0.5),
+            streams.recording(config.seed, i, Purpose.MOTION),
+            config.duration_s,
+        )
+        for i, planned, own in zip(rows, plans, labels, strict=True)
+    ]
+    truths = motion.truths(config.bench, plans, latitude, draws, threads=os.cpu_count() or 1)
+    for i, truth, drawn, own in zip(rows, truths, draws, labels, strict=True):
+        reference_error = np.deg2rad(config.scene.reference_error_deg) * own.standard_normal()
+        values = _measured(config, sensor, i, truth) | _moved(config, truth, drawn)
+        values |= {
+            "heading": truth.heading,
+            "heading_reference": float(wrap(truth.heading_control + reference_error - np.pi)),
+            "latitude": latitude,
+            "split": _split(config, i, *_lifetimes(config, i)),
+        }
+        yield {name: np.asarray(value) for name, value in values.items()}
 
+
+def _lifetimes(config: GenerateConfig, i: int) -> tuple[int, int]:
+    """Unit and session of a recording."""
+    return i % config.units, (i // config.units) % config.sessions
+
+
+def _measured(
+    config: GenerateConfig, sensor: _Sensor, i: int, truth: Truth
+) -> dict[str, np.ndarray | float | int]:
+    """What the sensors print of recording i, and what was drawn of their errors."""
+    unit, session = _lifetimes(config, i)
     of_unit = streams.unit(config.unit_seed, unit)
     of_session = streams.session(config.unit_seed, unit, session)
     n = config.samples // config.block
-    time_error, lost = sensor.timing.draw(
-        streams.recording(config.seed, i, Purpose.TIMING), n, 1 / config.rate_hz
-    )
-    values: dict[str, np.ndarray | float | int] = {"time_error": time_error, "lost": lost}
-    force = truth.f_ib_b[:, None]
+    timing = streams.recording(config.seed, i, Purpose.TIMING)
+    time_error, lost = sensor.timing.draw(timing, n, 1 / config.rate_hz)
+    values: dict[str, np.ndarray | float | int] = {
+        "time_error": time_error,
+        "lost": lost,
+        "unit": unit,
+        "session": session,
+    }
     for name, triad, purpose, feels, disturbed_by in (
-        ("gyro", sensor.gyro, Purpose.GYRO, truth.omega_ib_b[:, None], force),
-        ("accel", sensor.accel, Purpose.ACCEL, force, None),
+        ("gyro", sensor.gyro, Purpose.GYRO, truth.omega_ib_b, truth.f_ib_b),
+        ("accel", sensor.accel, Purpose.ACCEL, truth.f_ib_b, None),
     ):
         rng = streams.recording(config.seed, i, purpose)
         errors = triad.draw_run(rng, triad.draw_unit(of_unit), triad.draw_session(of_session))
@@ -251,21 +296,35 @@ def _recording(config: GenerateConfig, sensor: _Sensor, i: int) -> dict[str, np.
         printed, saturated = sensor.measure(triad, rng, feels, errors, disturbed_by)
         values[name], values[f"{name}_saturated"] = Timing.held(printed, lost).T, saturated
         values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
-    values |= {
-        "plate_angle": np.zeros(n),
-        "stage": np.zeros(n, np.int8),
-        "heading": truth.heading,
-        "heading_reference": float(wrap(truth.heading_control + reference_error - np.pi)),
+    return values
+
+
+def _moved(
+    config: GenerateConfig, truth: Truth, drawn: Draw
+) -> dict[str, np.ndarray | float | int]:
+    """What the bench did in a recording, and what was drawn of it."""
+    n = config.samples // config.block
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return values.reshape(n, config.block, *values.shape[1:]).mean(axis=1)
+
+    attitude = truth.attitude
+    attitude = np.broadcast_to(attitude, (n, 3)) if len(attitude) == 1 else mean(attitude)
+    stages = truth.stage.reshape(n, config.block)
+    driven, settling = (stages == SLEW).any(axis=1), (stages == SETTLE).any(axis=1)
+    return {
+        "plate_angle": mean(truth.plate_angle),
+        "stage": np.where(driven, SLEW, np.where(settling, SETTLE, REST)),
+        "attitude": attitude,
         "roll": truth.roll,
         "pitch": truth.pitch,
-        "latitude": latitude,
-        "base_azimuth": azimuth,
         "settling_time": truth.settling_s,
-        "unit": unit,
-        "session": session,
-        "split": _split(config, i, unit, session),
+        "base_azimuth": drawn.azimuth,
+        "base_roll": drawn.roll,
+        "base_pitch": drawn.pitch,
+        "sway_level": drawn.sway_level,
+        **drawn.floor.values(),
     }
-    return {name: np.asarray(value) for name, value in values.items()}
 
 
 def _split(config: GenerateConfig, recording: int, unit: int, session: int) -> int:

@@ -1,98 +1,210 @@
-"""Executes a plan with physics: what the modules' sites really feel.
+"""What the test module really feels, sample by sample.
 
-Earth's rate is added here, since MuJoCo's world does not rotate. The world is the same in every
-azimuth, so the base's azimuth is a rotation applied afterwards, exactly, and a settled pose serves
-every recording that rests in it.
+`sim.physics` moves the plate (and the vehicle under it, where there is one) and gives the module's
+poses; `sim.kinematics` makes increments of them. MuJoCo's world neither rotates nor has an azimuth:
+Earth's rate, gravity and the Coriolis force are applied here, exactly, so that one execution of a
+plan serves every recording. A floor that moves is a closed form, laid under the poses.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
-import mujoco
 import numpy as np
 
 from lbgc.earth import earth_rate_ned, normal_gravity
-from lbgc.errors import InputError
-from lbgc.frames import NED_FROM_NWU, matrix_to_euler, rotation_z
+from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotation_z, wrap
 from lbgc.protocol import Plan
-from sim.scene import SceneConfig, load
+from lbgc.units import factor
+from sim import kinematics, sway
+from sim.disturbance import Floor
+from sim.kinematics import Felt
+from sim.physics import Bench, Executed, execute, execute_swaying, lead_steps
+from sim.scene import SceneConfig
 
-SETTLED_RATE = 1e-13
-"""rad/s: below it a plate rests. Earth's rate is 7e-5."""
-_LONGEST_SETTLING_S = 60.0
-_STRIDE = 64  # physics steps between looks at whether it rests
+_POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
 
 
 @dataclass(frozen=True)
-class Rest:
-    """A resting recording's truth: constants of its whole duration."""
+class Draw:
+    """What a recording's bench drew."""
 
-    omega_ib_b: np.ndarray  # (3,), rad/s, of the test module
-    f_ib_b: np.ndarray  # (3,), m/s^2
-    heading: float  # rad, of the test module
-    heading_control: float  # rad, of the control module
+    azimuth: float
+    """rad, of the base"""
     roll: float
+    """rad, of the base"""
     pitch: float
-    settling_s: float
+    """rad, of the base"""
+    floor: Floor
+    sway_level: float
+    sway: np.random.Generator
+    """Of the forces that sway the base"""
+
+    @property
+    def level(self) -> np.ndarray:
+        """From the base's axes to A, North-East-Down turned by the azimuth: (3, 3)."""
+        return euler_to_matrix(self.roll, self.pitch, 0.0)
 
 
-@dataclass(frozen=True)
-class _Pose:
-    """A settled pose with the base pointing north: C_nb of both modules."""
-
-    test: np.ndarray  # (3, 3)
-    control: np.ndarray  # (3, 3)
-    settling_s: float
-
-
-def rest(scene: SceneConfig, plan: Plan, latitude: float, azimuth: float) -> Rest:
-    """Drive the plate to its target, wait until it rests, and read what the test module feels.
-
-    latitude, azimuth (of the base) : rad. Raises InputError where the plate does not come to rest.
-    """
-    gravity = normal_gravity(latitude)
-    pose = _settle(scene, gravity, plan.start, plan.target)
-    c_nb = rotation_z(azimuth) @ pose.test
-    roll, pitch, heading = matrix_to_euler(c_nb)
-    return Rest(
-        omega_ib_b=c_nb.T @ earth_rate_ned(latitude),
-        f_ib_b=c_nb.T @ (NED_FROM_NWU @ -load(scene, gravity).opt.gravity),
-        heading=float(heading),
-        heading_control=float(matrix_to_euler(rotation_z(azimuth) @ pose.control)[2]),
-        roll=float(roll),
-        pitch=float(pitch),
-        settling_s=pose.settling_s,
+def draw(scene: SceneConfig, azimuth: float, rng: np.random.Generator, duration_s: float) -> Draw:
+    """From the recording's own stream, which nothing else draws from."""
+    base, floor, level, forces = rng.spawn(4)
+    roll, pitch = scene.level_error_deg * base.standard_normal(2)
+    return Draw(
+        azimuth=azimuth,
+        roll=float(np.deg2rad(scene.base_roll_deg + roll)),
+        pitch=float(np.deg2rad(scene.base_pitch_deg + pitch)),
+        floor=scene.floor.draw(floor, duration_s),
+        sway_level=sway.draw_level(scene.sway, level),
+        sway=forces,
     )
 
 
-@lru_cache(maxsize=4096)
-def _settle(scene: SceneConfig, gravity: float, start: float, target: float) -> _Pose:
-    model = load(scene, gravity)
-    data = mujoco.MjData(model)
-    joint = data.joint("azimuth")
-    joint.qpos[0] = start
-    data.actuator("servo").ctrl[0] = target
-    # Twice running: a plate that turns round passes through zero rate once without resting.
-    quiet = 0
-    while quiet < 2:
-        mujoco.mj_step(model, data, nstep=_STRIDE)
-        quiet = quiet + 1 if abs(joint.qvel[0]) < SETTLED_RATE else 0
-        if data.time > _LONGEST_SETTLING_S:
-            raise InputError(
-                "scene.servo_damping_nm_s_per_rad",
-                scene.servo_damping_nm_s_per_rad,
-                "N m s/rad",
-                f"the plate still moves at {abs(joint.qvel[0]):.1e} rad/s after "
-                f"{_LONGEST_SETTLING_S:.0f} s; damp the servo or the bearing more",
-            )
-    settling = float(data.time)
-    joint.qvel[0] = 0.0
-    mujoco.mj_forward(model, data)
-    return _Pose(_attitude(data, "test"), _attitude(data, "control"), settling)
+@dataclass(frozen=True)
+class Truth:
+    """Of the test module, over a recording of n samples."""
+
+    omega_ib_b: np.ndarray
+    """(3, n), or (3, 1) where it is constant; rad/s, means over (t_k - dt, t_k]"""
+    f_ib_b: np.ndarray
+    """(3, n) or (3, 1), m/s^2, likewise"""
+    plate_angle: np.ndarray
+    """(n,), rad, as the encoder reads it at t_k"""
+    stage: np.ndarray
+    """(n,), int8, see lbgc.protocol.STAGES"""
+    attitude: np.ndarray
+    """(n, 3) or (1, 3), rad, true at t_k: roll, pitch, and the heading less `heading` and the
+    plate's true angle: how far the base and the axis have turned it"""
+    heading: float
+    """rad, at the recording's start"""
+    heading_control: float
+    """rad, of the control module, likewise"""
+    roll: float
+    """rad, at the recording's start"""
+    pitch: float
+    """rad, likewise"""
+    settling_s: float
+    """Physics that it took the plate to come to rest before the recording"""
 
 
-def _attitude(data: mujoco.MjData, module: str) -> np.ndarray:
-    """C_nb of a module, from its orientation sensor."""
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, data.sensor(f"{module}_attitude").data)
-    return NED_FROM_NWU @ matrix.reshape(3, 3)
+def truth(bench: Bench, plan: Plan, latitude: float, drawn: Draw) -> Truth:
+    """What the test module feels. latitude : rad.
+
+    Raises InputError where the servo cannot do the plan, or the plate does not come to rest.
+    """
+    return next(truths(bench, [plan], latitude, [drawn]))
+
+
+def truths(
+    bench: Bench,
+    plans: Sequence[Plan],
+    latitude: float,
+    draws: Sequence[Draw],
+    threads: int = 1,
+) -> Iterator[Truth]:
+    """The same for several recordings, which share so many threads where the base sways."""
+    gravity = normal_gravity(latitude)
+    for planned, drawn, executed in _executed(bench, gravity, plans, draws, threads):
+        if bench.scene.sway.present or any(drawn.floor.moving):
+            felt, attitude = _on_moving_floor(executed, drawn)
+            level = np.eye(3)
+        else:
+            felt, level = executed.felt, drawn.level
+            attitude = level @ _ends(executed)
+        to_n = rotation_z(drawn.azimuth)
+        earth, down = to_n.T @ earth_rate_ned(latitude), np.array([0.0, 0.0, gravity])
+        t = np.arange(1, bench.samples + 1) / bench.rate_hz
+        start, control = (to_n @ matrix for matrix in _at_start(executed, drawn))
+        roll, pitch, heading = (float(a) for a in matrix_to_euler(start))
+        yield Truth(
+            omega_ib_b=felt.omega(level.T @ earth),
+            f_ib_b=felt.force(level.T @ earth, level.T @ down),
+            plate_angle=_encoder(bench.scene, executed, t),
+            stage=executed.stage,
+            attitude=_attitude(to_n @ attitude, heading, executed.angle_at(t) - planned.start),
+            heading=heading,
+            heading_control=float(matrix_to_euler(control)[2]),
+            roll=roll,
+            pitch=pitch,
+            settling_s=executed.settling_s,
+        )
+
+
+def _executed(
+    bench: Bench, gravity: float, plans: Sequence[Plan], draws: Sequence[Draw], threads: int
+) -> Iterator[tuple[Plan, Draw, Executed]]:
+    if not bench.scene.sway.present:
+        for planned, drawn in zip(plans, draws, strict=True):
+            yield planned, drawn, execute(bench, gravity, planned)
+        return
+    steps = lead_steps(bench) + bench.samples * bench.steps + 2
+    fits = int(_POSES_BYTES // (steps * 8 * 8))
+    batch = max(1, min(threads, fits))
+    for first in range(0, len(plans), batch):
+        own = draws[first : first + batch]
+        forces = [
+            d.sway_level * sway.forces(bench.scene.sway, d.sway, steps, bench.step) for d in own
+        ]
+        some = plans[first : first + batch]
+        yield from zip(
+            some, own, execute_swaying(bench, gravity, some, forces, threads), strict=True
+        )
+
+
+def _on_moving_floor(executed: Executed, drawn: Draw) -> tuple[Felt, np.ndarray]:
+    """What is felt in A, and the attitude (n, 3, 3) in A at the samples' ends."""
+    bench = executed.bench
+    parts, ends, at = [], [], -1
+    for block in executed.blocks():
+        t = (at + np.arange(len(block))) * bench.step
+        attitude, place = executed.pose(block)
+        rotation, carried = drawn.floor.motion(t)
+        floor = rotation_matrix(rotation) @ drawn.level
+        attitude, place = floor @ attitude, np.einsum("mij,mj->mi", floor, place)
+        parts.append(kinematics.felt(attitude, place, bench.step, bench.steps, carried))
+        ends.append(attitude[1 + bench.steps : -1 : bench.steps])
+        at += len(block) - 3
+    return kinematics.joined(parts), np.concatenate(ends)
+
+
+def _ends(executed: Executed) -> np.ndarray:
+    """Attitude in the base's axes at the samples' ends, (n, 3, 3); (1, 3, 3) where it is one."""
+    if not any(s.moves for s in executed.stretches):
+        return executed.pose(executed.stretches[0].poses)[0]
+    steps, parts = executed.bench.steps, []
+    for s in executed.stretches:
+        if s.moves:
+            parts.append(executed.pose(s.poses[1 + steps : -1 : steps])[0])
+        else:
+            parts.append(np.repeat(executed.pose(s.poses)[0], s.samples, axis=0))
+    return np.concatenate(parts)
+
+
+def _at_start(executed: Executed, drawn: Draw) -> tuple[np.ndarray, np.ndarray]:
+    """Attitudes (3, 3) of the test and the control module in A when the encoder is zeroed."""
+    first = executed.stretches[0]
+    test = executed.pose(first.poses[1:2] if first.moves else first.poses)[0][0]
+    floor = rotation_matrix(drawn.floor.motion(np.zeros(1))[0][0]) @ drawn.level
+    return floor @ test, floor @ executed.control
+
+
+def _attitude(c_nb: np.ndarray, heading: float, turned: np.ndarray) -> np.ndarray:
+    roll, pitch, yaw = matrix_to_euler(c_nb)
+    if len(c_nb) == 1:  # the plate stands still
+        turned = turned[:1]
+    return np.stack([roll, pitch, wrap(yaw - heading - turned)], axis=-1)
+
+
+def _encoder(scene: SceneConfig, executed: Executed, t: np.ndarray) -> np.ndarray:
+    """What it reads at times t (s), zeroed at the recording's start: late, off by its eccentric
+    disc, in counts."""
+
+    def reads(at: np.ndarray) -> np.ndarray:
+        angle = executed.angle_at(at - scene.encoder_latency_s)
+        error = scene.encoder_error_arcsec * factor("encoder_error_arcsec")
+        angle = angle + error * np.sin(angle)
+        if scene.encoder_lsb_arcsec is None:
+            return angle
+        lsb = scene.encoder_lsb_arcsec * factor("encoder_lsb_arcsec")
+        return np.rint(angle / lsb) * lsb
+
+    return reads(t) - reads(np.zeros(1))

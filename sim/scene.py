@@ -1,24 +1,23 @@
-"""The turntable's model: the only file that builds one, and the one that pictures it.
+"""The turntable's model: the only file that builds one. `sim/render.py` shows it.
 
+python sim/scene.py
 python sim/scene.py out=scene.png
 """
 
 import ctypes.util
 import math
 import os
-import subprocess
-import sys
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
 from lbgc.errors import (
-    InputError,
     require,
     require_not_negative,
     require_positive,
     run_main,
 )
+from sim.disturbance import FloorConfig
 from sim.sway import JOINTS, SwayConfig
 
 _BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
@@ -41,20 +40,64 @@ class SceneConfig:
     physics_hz: float = 1200.0
     """Physics steps a second; the IMU's period must be a whole number of steps."""
     servo_stiffness_nm_per_rad: float = 60.0
-    """Of the position servo that drives the plate."""
+    """Of the servo that drives the plate."""
     servo_damping_nm_s_per_rad: float = 9.0
-    """Of the servo."""
+    """Of the servo, against the rate that is commanded."""
+    servo_torque_nm: float = 5.0
+    """The most it can give."""
     bearing_damping_nm_s_per_rad: float = 0.05
     """Viscous, of the plate's bearing."""
+    bearing_friction_nm: float = 0.0
+    """Dry friction of the bearing; below twice friction over servo damping (rad/s) it gives way
+    like grease, half as viscous as that damping."""
+    arm_m: float = 0.27
+    """From the plate's axis to either module."""
+    base_roll_deg: float = 0.0
+    """How the base stands, forward axis north: z-y-x angles, yaw being its azimuth."""
+    base_pitch_deg: float = 0.0
+    """Likewise."""
+    level_error_deg: float = 0.0
+    """1 sigma of its levelling in roll and in pitch, new every recording."""
+    axis_tilt_deg: float = 0.0
+    """The hinge axis against the base's: it leans to the right."""
+    axis_wobble_arcsec: float = 0.0
+    """The hinge axis goes twice round a cone of this half angle in a turn of the plate."""
+    encoder_lsb_arcsec: float | None = None
+    """Count of the plate's encoder; null: it reads to rounding."""
+    encoder_error_arcsec: float = 0.0
+    """Amplitude of its error, once a turn (an eccentric disc)."""
+    encoder_latency_s: float = 0.0
+    """How old its reading is."""
     reference_error_deg: float = 0.2
     """1 sigma of the control module's heading, new every recording."""
+    floor: FloorConfig = field(default_factory=FloorConfig)
     sway: SwayConfig = field(default_factory=SwayConfig)
 
     def __post_init__(self) -> None:
-        require_positive("physics_hz", self.physics_hz)
-        require_positive("servo_stiffness_nm_per_rad", self.servo_stiffness_nm_per_rad)
-        require_positive("servo_damping_nm_s_per_rad", self.servo_damping_nm_s_per_rad)
-        require_not_negative(self, "bearing_damping_nm_s_per_rad", "reference_error_deg")
+        for name in (
+            "physics_hz",
+            "servo_stiffness_nm_per_rad",
+            "servo_damping_nm_s_per_rad",
+            "servo_torque_nm",
+            "arm_m",
+        ):
+            require_positive(name, getattr(self, name))
+        require_not_negative(
+            self,
+            "bearing_damping_nm_s_per_rad",
+            "bearing_friction_nm",
+            "level_error_deg",
+            "axis_wobble_arcsec",
+            "encoder_error_arcsec",
+            "encoder_latency_s",
+            "reference_error_deg",
+        )
+        require(self.arm_m <= 0.3, "arm_m", self.arm_m, "must be on the plate: 0.3 at most")
+        for name in ("base_roll_deg", "base_pitch_deg", "axis_tilt_deg"):
+            angle = getattr(self, name)
+            require(abs(angle) <= 45, name, angle, "must be from -45 to 45")
+        if self.encoder_lsb_arcsec is not None:
+            require_positive("encoder_lsb_arcsec", self.encoder_lsb_arcsec)
 
 
 @lru_cache(maxsize=8)
@@ -63,17 +106,51 @@ def load(config: SceneConfig, gravity: float) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_file(str(XML))
     spec.option.timestep = 1.0 / config.physics_hz
     spec.option.gravity = [0.0, 0.0, -gravity]
-    spec.joint("azimuth").damping[0] = config.bearing_damping_nm_s_per_rad
-    servo = spec.actuator("servo")
+    for module, side in (("control", 1.0), ("test", -1.0)):
+        for part in (spec.geom(module), spec.site(module)):
+            part.pos[0] = side * config.arm_m
+    joint = spec.joint("azimuth")
+    joint.damping[0] = config.bearing_damping_nm_s_per_rad
+    joint.actfrclimited = True
+    joint.actfrcrange = [-config.servo_torque_nm, config.servo_torque_nm]
     stiffness, damping = config.servo_stiffness_nm_per_rad, config.servo_damping_nm_s_per_rad
-    servo.gainprm[0] = stiffness
-    servo.biasprm[:3] = [0.0, -stiffness, -damping]
+    spec.actuator("servo").gainprm[0] = stiffness
+    spec.actuator("servo").biasprm[:3] = [0.0, -stiffness, 0.0]
+    spec.actuator("servo_rate").gainprm[0] = damping
+    spec.actuator("servo_rate").biasprm[:3] = [0.0, 0.0, -damping]
+    if config.bearing_friction_nm > 0:
+        _with_friction(spec, config.bearing_friction_nm, damping / 2)
     if config.sway.present:
         return _on_springs(spec, config.sway)
     for name in JOINTS:
         spec.delete(spec.actuator(name))
         spec.delete(spec.joint(name))
     return spec.compile()
+
+
+def _with_friction(spec: mujoco.MjSpec, torque: float, viscosity: float) -> None:
+    """Dry friction, as MuJoCo has it: a constraint force -D (a + b v), at most `torque`.
+
+    An impedance d makes D = d I/(1 - d), I the plate's inertia; a small d keeps this virtual mass
+    small. b is chosen so that the force is whole above torque/viscosity (rad/s) and viscous below:
+    a plate then comes to rest where the servo wants it, and does not creep there for ever.
+    """
+    joint = spec.joint("azimuth")
+    joint.frictionloss = torque
+    impedance = 0.05
+    virtual = impedance / (1 - impedance) * plate_inertia(spec.compile())
+    joint.solimp_friction = [impedance, impedance, 0.001, 0.5, 2.0]
+    joint.solref_friction = [-1.0, -impedance * viscosity / virtual]
+
+
+def plate_inertia(model: mujoco.MjModel) -> float:
+    """About the hinge, kg m^2, modules included."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    matrix = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, matrix)
+    dof = int(model.joint("azimuth").dofadr[0])
+    return float(matrix[dof, dof])
 
 
 def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
@@ -104,65 +181,7 @@ def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
     return model
 
 
-@dataclass(frozen=True)
-class PictureConfig:
-    """`python sim/scene.py`"""
-
-    out: str = "outputs/scene.png"
-    """The picture to write."""
-    width: int = 960
-    """Pixels."""
-    height: int = 720
-    """Pixels."""
-    plate_angle_deg: float = 30.0
-    """Where the plate stands."""
-    scene: SceneConfig = field(default_factory=SceneConfig)
-
-    def __post_init__(self) -> None:
-        require(self.out.endswith(".png"), "out", self.out, "must end in .png")
-        require(0 < self.width <= 1280, "width", self.width, "must be 1 to 1280 pixels")
-        require(0 < self.height <= 960, "height", self.height, "must be 1 to 960 pixels")
-
-
-def picture(config: PictureConfig) -> Path:
-    """Render the scene to a PNG, offscreen. Raises InputError where this machine cannot."""
-    import matplotlib.image
-
-    model = load(config.scene, 9.8)
-    data = mujoco.MjData(model)
-    data.joint("azimuth").qpos[0] = np.deg2rad(config.plate_angle_deg)
-    mujoco.mj_forward(model, data)
-    try:
-        with mujoco.Renderer(model, config.height, config.width) as renderer:
-            renderer.update_scene(data, camera="overview")
-            pixels = renderer.render()
-    except Exception as error:  # each backend fails in a way of its own
-        raise InputError(
-            "MUJOCO_GL",
-            os.environ.get("MUJOCO_GL", "(not set)"),
-            "",
-            f"cannot render here ({type(error).__name__}: {error}); install libosmesa6, or libegl1 "
-            "and libgl1-mesa-dri, and set MUJOCO_GL to osmesa or egl",
-        ) from error
-    out = Path(config.out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    matplotlib.image.imsave(out, pixels)
-    return out
-
-
-def try_picture(out: Path, config: SceneConfig) -> str | None:
-    """Render in a process of its own, so that a graphics driver's crash costs a picture only.
-
-    Returns None, or why there is no picture.
-    """
-    # At rest the picture is the same, whatever sways.
-    options = [f"scene.{name}={value}" for name, value in vars(config).items() if name != "sway"]
-    command = [sys.executable, str(Path(__file__)), f"out='{out.resolve()}'", *options]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    if done.returncode == 0 and out.exists():
-        return None
-    return (done.stderr.strip().splitlines() or ["it crashed"])[-1]
-
-
 if __name__ == "__main__":
-    run_main(picture, PictureConfig, "scene_picture")
+    from sim.render import ViewConfig, view
+
+    run_main(view, ViewConfig, "scene_view")

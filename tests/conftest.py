@@ -13,14 +13,14 @@ import lbgc.evaluate
 import lbgc.fit
 import lbgc.train
 import sim.generate
-import sim.scene
+import sim.render
 from lbgc.errors import run_main
 
 torch.set_num_threads(1)  # the tests run on two processes
 
 ENTRY_POINTS = {
     "sim.generate": (sim.generate.main, sim.generate.GenerateConfig, "generate"),
-    "sim.scene": (sim.scene.picture, sim.scene.PictureConfig, "scene_picture"),
+    "sim.scene": (sim.render.view, sim.render.ViewConfig, "scene_view"),
     "lbgc.fit": (lbgc.fit.main, lbgc.fit.FitConfig, "fit"),
     "lbgc.calibrate": (lbgc.calibrate.main, lbgc.calibrate.CalibrateConfig, "calibrate"),
     "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),

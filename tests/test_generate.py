@@ -19,7 +19,7 @@ SMALL = {"recordings": 20, "rate_hz": 50.0, "duration_s": 20.0}
 
 
 def recording(config: GenerateConfig, i: int) -> dict[str, np.ndarray]:
-    return sim.generate._recording(config, sensor(config), i)
+    return next(sim.generate._recordings(config, sensor(config), [i]))
 
 
 def sensor(config: GenerateConfig) -> sim.generate._Sensor:

@@ -21,12 +21,12 @@ from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
 from lbgc.data.record import Record
 from lbgc.errors import InputError, require
 from lbgc.outputs import fingerprint
+from lbgc.protocol import STAGES
 
 SCHEMA = 2
 """Changes whenever the same configuration would give other bytes, or a reader would be misled."""
 
 SPLITS = ("train", "validation", "test")
-STAGES = ("rest", "slew", "settle")
 _SHARD_BYTES = 64e6
 _SHARD_RECORDINGS = 16
 _CHUNK_BYTES = 4e6
@@ -75,7 +75,31 @@ VARIABLES: dict[str, Variable] = {
     "roll": Variable(_PER_RECORDING, "float64", "rad", "true roll at the start"),
     "pitch": Variable(_PER_RECORDING, "float64", "rad", "true pitch at the start"),
     "latitude": Variable(_PER_RECORDING, "float64", "rad", "geodetic latitude"),
+    "attitude": Variable(
+        _T, "float32", "rad", "true roll, pitch, and heading less its label and the plate's angle"
+    ),
     "base_azimuth": Variable(_PER_RECORDING, "float64", "rad", "azimuth of the base"),
+    **{
+        name: Variable(dims, dtype, unit, f"drawn {long}; 0 where it is off")
+        for name, dims, dtype, unit, long in (
+            ("base_roll", _PER_RECORDING, "float64", "rad", "roll of the base"),
+            ("base_pitch", _PER_RECORDING, "float64", "rad", "pitch of the base"),
+            ("sway_level", _PER_RECORDING, "float64", "1", "level of the sway"),
+            ("vibration_level", _PER_RECORDING, "float64", "1", "level of the floor's vibration"),
+            ("vibration_frequency", _PER_RECORDING, "float64", "Hz", "frequency of it"),
+            ("vibration_drift", _PER_RECORDING, "float64", "Hz", "swing of that frequency"),
+            ("vibration_phase", _VECTOR, "float64", "rad", "phases of its rotation"),
+            ("knock_rate", _PER_RECORDING, "float64", "s-1", "mean rate of knocks"),
+            ("knock_count", _PER_RECORDING, "int32", "1", "number of knocks"),
+            ("knock_frequency", _PER_RECORDING, "float64", "Hz", "frequency of their swinging"),
+            ("floor_tilt_rate", _PER_RECORDING, "float64", "rad s-1", "rate of the floor's tilt"),
+            ("floor_tilt_direction", _PER_RECORDING, "float64", "rad", "axis of it"),
+            ("moored_roll", _PER_RECORDING, "float64", "rad", "rms roll of the moored platform"),
+            ("moored_pitch", _PER_RECORDING, "float64", "rad", "rms pitch of it"),
+            ("moored_heave", _PER_RECORDING, "float64", "m", "rms heave of it"),
+            ("moored_period", _PER_RECORDING, "float64", "s", "period of its waves"),
+        )
+    },
     "settling_time": Variable(
         _PER_RECORDING, "float64", "s", "physics run until the plate had settled"
     ),

@@ -97,6 +97,36 @@ def box_plots(sizes: Mapping[str, Mapping[float, np.ndarray]]) -> Figure:
     return figure
 
 
+def strips(
+    t: np.ndarray, omega: np.ndarray, force: np.ndarray, angle: np.ndarray, width: int
+) -> tuple[Figure, list[Axes]]:
+    """Rate, specific force and plate angle against time, for below a film `width` pixels wide.
+
+    t : (n,), s; omega : (3, n), rad/s; force : (3, n), m/s^2; angle : (n,), rad.
+    """
+    figure = Figure(figsize=(width / 100, 3.0), dpi=100, layout="constrained")
+    rows = figure.subplots(3, 1, sharex=True)
+    horizontal, vertical = np.rad2deg(omega[:2]) * 3600, np.rad2deg(omega[2])
+    rate, slew = rows[0], rows[0].twinx()
+    slew.plot(t, vertical, color=AXIS_COLOURS[2], linewidth=1)
+    for axis in (0, 1):
+        rate.plot(
+            t, horizontal[axis], color=AXIS_COLOURS[axis], linewidth=1, label=AXIS_NAMES[axis]
+        )
+        rows[1].plot(t, force[axis], color=AXIS_COLOURS[axis], linewidth=1)
+    rate.plot([], [], color=AXIS_COLOURS[2], linewidth=1, label=f"{AXIS_NAMES[2]} (deg/s)")
+    rate.legend(fontsize="xx-small", loc="upper left", ncols=3)
+    rows[2].plot(t, np.rad2deg(angle), color="black", linewidth=1)
+    for axes, name in zip(rows, ("rate, deg/h", "force, m/s\u00b2", "plate, deg"), strict=True):
+        axes.set_ylabel(name, fontsize="x-small")
+        axes.tick_params(labelsize="x-small")
+        axes.grid(True, color="0.92", linewidth=0.5)
+    slew.tick_params(labelsize="x-small")
+    rows[2].set_xlabel("time, s", fontsize="x-small")
+    rows[2].set_xlim(t[0], t[-1])
+    return figure, list(rows)
+
+
 def _plain_y_ticks(axes: Axes) -> None:
     axis = axes.yaxis
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))

@@ -1,0 +1,335 @@
+"""How the floor moves under the bench: vibration, knocks, slow tilt, a moored platform.
+
+Each disturbance is off unless asked for. A configured [low, high] is drawn from, uniformly, by each
+recording; what was drawn is stored with it. Every motion is a closed form of time, so that it can
+be had at any instants: the floor's rotation vector and the velocity of the base's origin, in the
+frame A of `sim.kinematics` (North-East-Down turned by the base's azimuth: forward, right, down).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lbgc.errors import Spread, require, require_not_negative, require_positive, require_spread
+from lbgc.units import factor
+
+_WAVES = 32  # sinusoids that make a sea; their sum is Gaussian to a percent of its kurtosis
+
+
+def drawn(rng: np.random.Generator, value: Spread) -> float:
+    """A recording's own value. One number is drawn in either case."""
+    share = rng.random()
+    low, high = value if isinstance(value, tuple) else (value, value)
+    return float(low + (high - low) * share)
+
+
+def _si(config: object, name: str, value: float | tuple[float, ...]) -> np.ndarray:
+    return np.asarray(value, dtype=float) * factor(name)
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """A steady vibration, f = hz + drift_hz sin(2 pi t/drift_s + .): its phase is the integral.
+
+    About each axis the rate's amplitude is `rate` at hz (the angle's is constant: rate/(2 pi hz)),
+    along each the acceleration's is `force`.
+    """
+
+    level: float
+    hz: float
+    drift_hz: float
+    drift_s: float
+    rate: np.ndarray  # (3,), rad/s
+    force: np.ndarray  # (3,), m/s^2
+    phase: np.ndarray  # (7,), rad: three of the rotation, three of the translation, the drift's
+
+    def motion(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        slow = 2 * np.pi / self.drift_s
+        wander = self.drift_hz / slow * (np.cos(self.phase[6]) - np.cos(slow * t + self.phase[6]))
+        phase = 2 * np.pi * (self.hz * t + wander)[:, None]
+        size = self.level / (2 * np.pi * self.hz)
+        return (
+            -size * self.rate * np.cos(phase + self.phase[:3]),
+            -size * self.force * np.cos(phase + self.phase[3:6]),
+        )
+
+
+@dataclass(frozen=True)
+class VibrationConfig:
+    """A machine in the house. Amplitudes are about, or along, the base's forward, right, down."""
+
+    level: Spread = 1.0
+    """Scales both amplitudes."""
+    rate_deg_per_h: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Amplitudes of the rates."""
+    force_ug: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Amplitudes of the accelerations."""
+    hz: Spread = 48.0
+    """Its frequency."""
+    drift_hz: Spread = 0.0
+    """How far the frequency swings to either side."""
+    drift_s: float = 60.0
+    """The swing's period."""
+
+    def __post_init__(self) -> None:
+        require_spread(self, "level", "drift_hz")
+        require_spread(self, "hz", least=1e-3)
+        require_not_negative(self, "rate_deg_per_h", "force_ug")
+        for name in ("rate_deg_per_h", "force_ug"):
+            value = getattr(self, name)
+            require(len(value) == 3, name, value, "must be three figures: forward, right, down")
+        require_positive("drift_s", self.drift_s)
+
+    @property
+    def is_on(self) -> bool:
+        return bool(np.any(self.rate_deg_per_h) or np.any(self.force_ug)) and self.level != 0.0
+
+    def draw(self, rng: np.random.Generator, duration_s: float) -> Vibration:
+        level, hz, drift = (drawn(rng, v) for v in (self.level, self.hz, self.drift_hz))
+        rate, force = (_si(self, n, getattr(self, n)) for n in ("rate_deg_per_h", "force_ug"))
+        return Vibration(level, hz, drift, self.drift_s, rate, force, rng.uniform(0, 2 * np.pi, 7))
+
+
+@dataclass(frozen=True)
+class Knocks:
+    """Footsteps and doors: each a damped swing x e^(-damping x) sin x, x = 2 pi hz (t - t0), which
+    starts from rest; its translation is scaled to a peak acceleration, its tilt to a peak angle."""
+
+    per_s: float
+    at: np.ndarray  # (k,), s
+    force: np.ndarray  # (k, 3), m/s^2
+    tilt: np.ndarray  # (k, 3), rad
+    hz: float
+    damping: float
+
+    def motion(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        w = 2 * np.pi * self.hz
+        rotation, velocity = np.zeros((len(t), 3)), np.zeros((len(t), 3))
+        x = np.linspace(0, 40, 20_001)
+        shape, slope = self._swing(x)
+        peak, hardest = np.abs(shape).max(), np.abs(np.gradient(slope, x)).max()
+        lasts = 40 / self.damping / w / 2  # e^-20 of its size
+        for at, force, tilt in zip(self.at, self.force, self.tilt, strict=True):
+            on = slice(*np.searchsorted(t, (at, at + lasts)))
+            shape, slope = self._swing(w * (t[on] - at))
+            rotation[on] += shape[:, None] / peak * tilt
+            velocity[on] += slope[:, None] / (hardest * w) * force
+        return rotation, velocity
+
+    def _swing(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The swing and its slope by x."""
+        fading, sine, cosine = np.exp(-self.damping * x), np.sin(x), np.cos(x)
+        return x * fading * sine, fading * (sine + x * cosine - self.damping * x * sine)
+
+
+@dataclass(frozen=True)
+class KnocksConfig:
+    """Footsteps and door slams, at random times."""
+
+    per_minute: Spread = 0.0
+    """How many, on average."""
+    peak_mg: Spread = 2.0
+    """1 sigma of a knock's peak acceleration along each axis."""
+    tilt_arcsec: Spread = 1.0
+    """1 sigma of its peak tilt about each horizontal axis."""
+    hz: Spread = 15.0
+    """Of the floor's swinging."""
+    damping: float = 0.1
+    """Of it."""
+
+    def __post_init__(self) -> None:
+        require_spread(self, "per_minute", "peak_mg", "tilt_arcsec")
+        require_spread(self, "hz", least=1e-3)
+        good = 0.01 <= self.damping < 1
+        require(good, "damping", self.damping, "must be from 0.01 to below 1")
+
+    @property
+    def is_on(self) -> bool:
+        return self.per_minute != 0.0
+
+    def draw(self, rng: np.random.Generator, duration_s: float) -> Knocks:
+        per_minute, peak, tilt, hz = (
+            drawn(rng, v) for v in (self.per_minute, self.peak_mg, self.tilt_arcsec, self.hz)
+        )
+        count = rng.poisson(per_minute * duration_s / 60)
+        at = np.sort(rng.uniform(0, duration_s, count))
+        force = _si(self, "peak_mg", peak) * rng.standard_normal((count, 3))
+        lean = _si(self, "tilt_arcsec", tilt) * rng.standard_normal((count, 3)) * [1, 1, 0]
+        return Knocks(per_minute / 60, at, force, lean, hz, self.damping)
+
+
+@dataclass(frozen=True)
+class Tilting:
+    """A floor that leans ever more, at a steady rate."""
+
+    rate: float  # rad/s
+    direction: float  # rad, of the axis about which it leans, from forward to the right
+
+    def motion(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        axis = np.array([np.cos(self.direction), np.sin(self.direction), 0.0])
+        return self.rate * t[:, None] * axis, np.zeros((len(t), 3))
+
+
+@dataclass(frozen=True)
+class TiltingConfig:
+    """A floor that settles, or a wall in the sun."""
+
+    arcsec_per_h: Spread = 0.0
+    """How fast it leans; the direction is drawn from the whole circle."""
+
+    def __post_init__(self) -> None:
+        require_spread(self, "arcsec_per_h")
+
+    @property
+    def is_on(self) -> bool:
+        return self.arcsec_per_h != 0.0
+
+    def draw(self, rng: np.random.Generator, duration_s: float) -> Tilting:
+        rate = _si(self, "arcsec_per_h", drawn(rng, self.arcsec_per_h))
+        return Tilting(float(rate), rng.uniform(0, 2 * np.pi))
+
+
+@dataclass(frozen=True)
+class Moored:
+    """A platform afloat: roll, pitch and heave, each a sum of sinusoids of random phase whose
+    frequencies are normal about 1/period."""
+
+    roll: float  # rad, rms
+    pitch: float  # rad, rms
+    heave: float  # m, rms
+    period: float  # s
+    hz: np.ndarray  # (3, waves)
+    phase: np.ndarray  # (3, waves), rad
+
+    def motion(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        w = 2 * np.pi * self.hz
+        each = np.sqrt(2 / self.hz.shape[1])
+        rotation, velocity = np.zeros((len(t), 3)), np.zeros((len(t), 3))
+        for axis, size in enumerate((self.roll, self.pitch)):
+            rotation[:, axis] = size * each * _sines(t, w[axis], self.phase[axis])
+        up = self.heave * each * _sines(t, w[2], self.phase[2] + np.pi / 2, w[2])
+        velocity[:, 2] = -up
+        return rotation, velocity
+
+
+def _sines(
+    t: np.ndarray, w: np.ndarray, phase: np.ndarray, size: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """The sum of size sin(w t + phase), one wave at a time: (m,), (k,), (k,) -> (m,)."""
+    total = np.zeros(len(t))
+    for own, start, amplitude in zip(w, phase, np.broadcast_to(size, w.shape), strict=True):
+        total += amplitude * np.sin(own * t + start)
+    return total
+
+
+@dataclass(frozen=True)
+class MooredConfig:
+    """The paper's dynamic settings: a vessel at its moorings."""
+
+    roll_deg: Spread = 0.0
+    """rms"""
+    pitch_deg: Spread = 0.0
+    """rms"""
+    heave_m: Spread = 0.0
+    """rms"""
+    period_s: Spread = 8.0
+    """Of the waves."""
+    width: float = 0.15
+    """1 sigma of their frequencies over the mean."""
+
+    def __post_init__(self) -> None:
+        require_spread(self, "roll_deg", "pitch_deg", "heave_m")
+        require_spread(self, "period_s", least=0.1)
+        good = 0 < self.width <= 0.3
+        require(good, "width", self.width, "must be above 0, up to 0.3")
+
+    @property
+    def is_on(self) -> bool:
+        return any(v != 0.0 for v in (self.roll_deg, self.pitch_deg, self.heave_m))
+
+    def draw(self, rng: np.random.Generator, duration_s: float) -> Moored:
+        roll, pitch, heave, period = (
+            drawn(rng, v) for v in (self.roll_deg, self.pitch_deg, self.heave_m, self.period_s)
+        )
+        spread = np.clip(rng.standard_normal((3, _WAVES)), -3, 3)
+        return Moored(
+            float(_si(self, "roll_deg", roll)),
+            float(_si(self, "pitch_deg", pitch)),
+            heave,
+            period,
+            (1 + self.width * spread) / period,
+            rng.uniform(0, 2 * np.pi, (3, _WAVES)),
+        )
+
+
+@dataclass(frozen=True)
+class FloorConfig:
+    """Everything that can move the floor."""
+
+    vibration: VibrationConfig = field(default_factory=VibrationConfig)
+    knocks: KnocksConfig = field(default_factory=KnocksConfig)
+    tilting: TiltingConfig = field(default_factory=TiltingConfig)
+    moored: MooredConfig = field(default_factory=MooredConfig)
+
+    def draw(self, rng: np.random.Generator, duration_s: float) -> "Floor":
+        """Each from a stream of its own, so that one does not change the others' numbers."""
+        one, two, three, four = rng.spawn(4)
+        parts = (self.vibration, self.knocks, self.tilting, self.moored)
+        return Floor(
+            self.vibration.draw(one, duration_s),
+            self.knocks.draw(two, duration_s),
+            self.tilting.draw(three, duration_s),
+            self.moored.draw(four, duration_s),
+            moving=tuple(part.is_on for part in parts),
+        )
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A recording's own floor."""
+
+    vibration: Vibration
+    knocks: Knocks
+    tilting: Tilting
+    moored: Moored
+    moving: tuple[bool, ...]
+    """Which of the four are on."""
+
+    def motion(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation vector (m, 3) in rad and the base's velocity (m, 3) in m/s at times t (m,).
+
+        Small rotations add; the moored platform's few degrees are one of them.
+        """
+        rotation, velocity = np.zeros((len(t), 3)), np.zeros((len(t), 3))
+        motions = (part.motion for part in self.parts)
+        for motion, is_on in zip(motions, self.moving, strict=True):
+            if is_on:
+                turned, carried = motion(t)
+                rotation += turned
+                velocity += carried
+        return rotation, velocity
+
+    @property
+    def parts(self) -> tuple[Vibration, Knocks, Tilting, Moored]:
+        return self.vibration, self.knocks, self.tilting, self.moored
+
+    def values(self) -> dict[str, float | np.ndarray | int]:
+        """What was drawn, as the dataset stores it; zero where it is off."""
+        v, k, t, m = self.parts
+        on = dict(zip(("vibration", "knocks", "tilting", "moored"), self.moving, strict=True))
+        values: dict[str, tuple[str, float | np.ndarray | int]] = {
+            "vibration_level": ("vibration", v.level),
+            "vibration_frequency": ("vibration", v.hz),
+            "vibration_drift": ("vibration", v.drift_hz),
+            "vibration_phase": ("vibration", v.phase[:3]),
+            "knock_rate": ("knocks", k.per_s),
+            "knock_count": ("knocks", len(k.at)),
+            "knock_frequency": ("knocks", k.hz),
+            "floor_tilt_rate": ("tilting", t.rate),
+            "floor_tilt_direction": ("tilting", t.direction),
+            "moored_roll": ("moored", m.roll),
+            "moored_pitch": ("moored", m.pitch),
+            "moored_heave": ("moored", m.heave),
+            "moored_period": ("moored", m.period),
+        }
+        return {name: value if on[part] else 0 * value for name, (part, value) in values.items()}

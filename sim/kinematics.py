@@ -1,0 +1,99 @@
+"""What an IMU feels whose pose is known at every physics step: increments over its samples.
+
+Poses are given in a frame A that rests on Earth: at an instant t_k the attitude is C_k (body to A)
+and the site is at x_k, carried along with a velocity u_k beside. Over a step of length h
+
+    angle increment     integral of omega_ab_b = the rotation vector of C_k' C_(k+1)
+    velocity increment  integral of C' a       = h (C_k' a_k + C_(k+1)' a_(k+1))/2
+                                                 + (C_k' + C_(k+1)')/2 (u_(k+1) - u_k)
+
+with a_k = (x_(k+1) - 2 x_k + x_(k-1))/h^2, the acceleration by which the physics moved the site.
+The first is exact where the axis stands still for a step, the second to the square of the angle
+turned in a step. A sample sums its steps. Earth's rate,
+gravity and the Coriolis force act linearly on three more means over the sample, so that one motion
+serves every latitude and azimuth:
+
+    omega_ib_b = rate + mean(C)' Omega
+    f_ib_b     = acceleration - mean(C)' g + coriolis Omega,   coriolis = mean(C' (-2 [v x]))
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.frames import rotation_vector, skew
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Means over n samples' intervals, (t_k - dt, t_k]; n = 1 where nothing moves."""
+
+    attitude: np.ndarray
+    """(n, 3, 3), of C"""
+    rate: np.ndarray
+    """(n, 3), rad/s, of the body relative to A, in the body"""
+    acceleration: np.ndarray
+    """(n, 3), m/s^2, of the site relative to A, in the body"""
+    coriolis: np.ndarray
+    """(n, 3, 3), m/s: times Earth's rate, the Coriolis acceleration in the body"""
+
+    def omega(self, earth_rate: np.ndarray) -> np.ndarray:
+        """omega_ib_b, (3, n), rad/s. earth_rate : (3,), in A."""
+        return (self.rate + self._in_body(earth_rate)).T
+
+    def force(self, earth_rate: np.ndarray, gravity: np.ndarray) -> np.ndarray:
+        """f_ib_b, (3, n), m/s^2. earth_rate, gravity : (3,), in A."""
+        felt = self.acceleration - self._in_body(gravity) + self.coriolis @ earth_rate
+        return felt.T
+
+    def repeated(self, count: int) -> "Felt":
+        """One sample as `count` of them."""
+        return Felt(*(np.repeat(values, count, axis=0) for values in vars(self).values()))
+
+    def _in_body(self, vector: np.ndarray) -> np.ndarray:
+        return np.einsum("nij,i->nj", self.attitude, vector)
+
+
+def resting(attitude: np.ndarray) -> Felt:
+    """A body at rest in A: attitude (3, 3) -> one sample that stands for all."""
+    return Felt(attitude[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
+
+
+def felt(
+    attitude: np.ndarray,
+    place: np.ndarray,
+    step: float,
+    steps: int,
+    carried: np.ndarray | None = None,
+) -> Felt:
+    """From the poses at t_-1, t_0, ... t_m, t_(m+1), with m = n x steps.
+
+    attitude : (m + 3, 3, 3), C; place : (m + 3, 3), m, x; step : s; steps : a sample's;
+    carried : (m + 3, 3), m/s, u.
+    """
+    inner = attitude[1:-1]
+    to_body = np.swapaxes(inner, -1, -2)
+    middle = (to_body[:-1] + to_body[1:]) / 2
+    turned = rotation_vector(to_body[:-1] @ inner[1:])
+    pushed = np.einsum("kij,kj->ki", to_body, np.diff(place, n=2, axis=0) / step**2)
+    gained = step * (pushed[:-1] + pushed[1:]) / 2
+    velocity = np.diff(place[1:-1], axis=0) / step
+    if carried is not None:
+        u = carried[1:-1]
+        gained += np.einsum("kij,kj->ki", middle, np.diff(u, axis=0))
+        velocity += (u[:-1] + u[1:]) / 2
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return values.reshape(-1, steps, *values.shape[1:]).mean(axis=1)
+
+    return Felt(
+        attitude=mean(np.swapaxes(middle, -1, -2)),
+        rate=mean(turned) / step,
+        acceleration=mean(gained) / step,
+        coriolis=mean(-2 * middle @ skew(velocity)),
+    )
+
+
+def joined(parts: list[Felt]) -> Felt:
+    """Consecutive stretches as one."""
+    return Felt(*(np.concatenate([getattr(p, name) for p in parts]) for name in vars(parts[0])))

@@ -1,0 +1,387 @@
+"""A plan carried out by MuJoCo: the module's pose at every physics step.
+
+Where the base is rigid only what moves is stepped; where it sways everything is.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from scipy.spatial.transform import Rotation
+
+from lbgc.errors import InputError
+from lbgc.frames import NED_FROM_NWU, rotation_matrix
+from lbgc.protocol import REST, SETTLE, SLEW, Move, Plan
+from lbgc.units import factor
+from sim import kinematics
+from sim.kinematics import Felt
+from sim.scene import SceneConfig, load, plate_inertia
+from sim.sway import JOINTS, SwayConfig
+
+SETTLED_RATE = 1e-13
+"""rad/s: below it a plate is taken to rest, exactly. Earth's rate is 7e-5."""
+_RESTING_RATE = 2e-13  # rad/s: the stage is `rest` below it; with the angle's rounding, 1e-12
+_LONGEST_SETTLING_S = 60.0
+_CHUNK_S = 0.5  # physics between looks at whether the plate rests
+_BLOCK_S = 5.0  # of attitudes held at once as matrices
+_SWAY_LEAD_S = 20.0  # in which a suspension forgets its start, plate held: e^-12 at 2 Hz, 5%
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A scene, and the samples of a recording that are taken on it."""
+
+    scene: SceneConfig
+    rate_hz: float
+    samples: int
+
+    @property
+    def step(self) -> float:
+        """s, of the physics"""
+        return 1 / self.scene.physics_hz
+
+    @property
+    def steps(self) -> int:
+        """Of the physics, a sample."""
+        return round(self.scene.physics_hz / self.rate_hz)
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Of the test module at m physics instants, in the base's axes as it stands at rest."""
+
+    quaternion: np.ndarray  # (m, 4), body to North-West-Up
+    place: np.ndarray  # (m, 3), m, North-West-Up
+    angle: np.ndarray  # (m,), rad, of the plate
+
+    def __getitem__(self, part: slice) -> "Poses":
+        return Poses(*(values[part] for values in vars(self).values()))
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    def repeated(self, count: int) -> "Poses":
+        """One pose as `count` of them."""
+        return Poses(*(np.broadcast_to(v, (count, *v.shape[1:])) for v in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples in which the plate rests (one pose stands for all of them), or in which something
+    moves: poses at every instant from the first sample's start to the last one's end, and at one
+    more on either side."""
+
+    first: int
+    samples: int
+    poses: Poses
+    stage: np.ndarray  # (samples,), int8
+
+    @property
+    def moves(self) -> bool:
+        return len(self.poses) > 1
+
+
+@dataclass(frozen=True)
+class Executed:
+    """A recording's plan as the physics did it."""
+
+    bench: Bench
+    stretches: tuple[Stretch, ...]
+    control: np.ndarray  # (3, 3), of the control module at the recording's start
+    settling_s: float
+    """Physics that it took the plate to come to rest before the recording"""
+
+    def pose(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Attitude C (m, 3, 3) and place (m, 3) in forward-right-down axes of the resting base,
+        the hinge axis leaning and wobbling: it turns what stands on it about its own foot."""
+        attitude = NED_FROM_NWU @ Rotation.from_quat(poses.quaternion[:, [1, 2, 3, 0]]).as_matrix()
+        place = poses.place @ NED_FROM_NWU
+        scene = self.bench.scene
+        if scene.axis_tilt_deg or scene.axis_wobble_arcsec:
+            lean = lean_of_axis(scene, poses.angle)
+            attitude, place = lean @ attitude, np.einsum("mij,mj->mi", lean, place)
+        return attitude, place
+
+    def blocks(self) -> Iterator[Poses]:
+        """The recording in parts: the instants of some samples, and one more on either side."""
+        size = max(1, round(_BLOCK_S * self.bench.rate_hz)) * self.bench.steps
+        for stretch in self.stretches:
+            poses = stretch.poses
+            if not stretch.moves:
+                poses = poses.repeated(stretch.samples * self.bench.steps + 3)
+            for first in range(0, len(poses) - 3, size):
+                yield poses[first : min(first + size + 3, len(poses))]
+
+    @cached_property
+    def felt(self) -> Felt:
+        """In the base's axes, over the recording; one sample where nothing moves."""
+        if not any(s.moves for s in self.stretches):
+            return kinematics.resting(self.pose(self.stretches[0].poses)[0][0])
+        parts = []
+        for stretch in self.stretches:
+            if stretch.moves:
+                own = replace(self, stretches=(stretch,))
+                parts += [self._felt_in(block) for block in own.blocks()]
+            else:
+                resting = kinematics.resting(self.pose(stretch.poses)[0][0])
+                parts.append(resting.repeated(stretch.samples))
+        return kinematics.joined(parts)
+
+    def _felt_in(self, poses: Poses) -> Felt:
+        return kinematics.felt(*self.pose(poses), self.bench.step, self.bench.steps)
+
+    def angle_at(self, t: np.ndarray) -> np.ndarray:
+        """The plate's angle at times t (s), rad; before the recording it stood still."""
+        return np.interp(t, *self._knots)
+
+    @cached_property
+    def _knots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Instants (s) between which the angle (rad) is linear."""
+        times, angles = [], []
+        for s in self.stretches:
+            inner = s.poses.angle[1:-1] if s.moves else np.repeat(s.poses.angle, 2)
+            lasts = s.samples / self.bench.rate_hz
+            times.append(s.first / self.bench.rate_hz + np.linspace(0, lasts, len(inner)))
+            angles.append(inner)
+        return np.concatenate(times), np.concatenate(angles)
+
+    @cached_property
+    def stage(self) -> np.ndarray:
+        """(samples,), int8, see lbgc.protocol.STAGES"""
+        return np.concatenate([s.stage for s in self.stretches])
+
+
+def lean_of_axis(scene: SceneConfig, angle: np.ndarray) -> np.ndarray:
+    """How the hinge axis leans at the plate's angles: (m,), rad -> (m, 3, 3).
+
+    A tilt about the forward axis, and a cone that it goes round twice a turn.
+    """
+    wobble = scene.axis_wobble_arcsec * factor("axis_wobble_arcsec")
+    around = [np.cos(2 * angle), np.sin(2 * angle), np.zeros_like(angle)]
+    vector = wobble * np.stack(around, axis=-1)
+    vector[:, 0] += np.deg2rad(scene.axis_tilt_deg)
+    return rotation_matrix(vector)
+
+
+@lru_cache(maxsize=4)  # a carousel's poses fill tens of megabytes
+def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
+    """Drive the plate through the plan on a rigid base. gravity : m/s^2.
+
+    Raises InputError where the servo cannot do it, or the plate does not come to rest.
+    """
+    check_servo(bench.scene, plan)
+    settling = 0.0
+    if plan.before:
+        move = Move(0.0, plan.before, plan.rate, plan.acceleration)
+        settling = _settling(bench.scene, gravity, move)
+    stretches: list[Stretch] = []
+    at, stands = 0, plan.start
+    for move in plan.moves:
+        first = int(move.start_s * bench.rate_hz + 1e-6)
+        if first >= bench.samples:
+            break
+        if first < at:  # it began before the last one had settled, and was driven with that
+            continue
+        if first > at:
+            stretches.append(_rest(bench, gravity, stands, at, first - at))
+        stretches.append(_drive(bench, gravity, plan, stands, first))
+        at = first + stretches[-1].samples
+        stands = float(stretches[-1].poses.angle[-1])
+    if at < bench.samples:
+        stretches.append(_rest(bench, gravity, stands, at, bench.samples - at))
+    control = _sensed(bench.scene, gravity, plan.start)[1]
+    return Executed(bench, tuple(stretches), control, settling)
+
+
+@lru_cache(maxsize=4096)
+def _sensed(scene: SceneConfig, gravity: float, angle: float) -> tuple[Poses, np.ndarray]:
+    """At rest at this angle: the test module's pose, and the control module's attitude."""
+    model = load(scene, gravity)
+    data = mujoco.MjData(model)
+    data.joint("azimuth").qpos[0] = angle
+    mujoco.mj_forward(model, data)
+    sensors = np.asarray(data.sensordata)
+    return _poses(model, sensors[None]), _control(scene, model, sensors)
+
+
+def _rest(bench: Bench, gravity: float, angle: float, first: int, samples: int) -> Stretch:
+    """Where the plate stands."""
+    poses, _ = _sensed(bench.scene, gravity, angle)
+    return Stretch(first, samples, poses, np.full(samples, REST, np.int8))
+
+
+def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) -> Stretch:
+    """From rest at this angle at sample `first` until the plate rests again and nothing is
+    commanded, or the recording ends."""
+    model = load(bench.scene, gravity)
+    state = _state(model, stands)
+    chunk = max(1, round(_CHUNK_S * bench.rate_hz))
+    parts, stages, at, settled = [], [], first, False
+    while at < bench.samples and not settled:
+        count = min(chunk, bench.samples - at)
+        control = _servo(model, bench, plan, at * bench.steps, count * bench.steps)
+        states, sensors = roll(model, [state], control[None], threads=1)
+        state = states[0, -1]
+        speed = np.abs(states[0, :, 1 + model.nq + int(model.joint("azimuth").dofadr[0])])
+        driven = (control[:, model.actuator("servo_rate").id] != 0).reshape(count, -1).any(axis=1)
+        slow = speed.reshape(count, -1).max(axis=1) < _RESTING_RATE
+        parts.append(sensors[0])
+        stages.append(np.where(driven, SLEW, np.where(slow, REST, SETTLE)).astype(np.int8))
+        at += count
+        settled = bool(speed[-2:].max() < SETTLED_RATE) and not driven[-1]
+        since = at / bench.rate_hz - max(
+            m.end_s for m in plan.moves if m.start_s < at / bench.rate_hz
+        )
+        if not settled and since > _LONGEST_SETTLING_S:
+            raise InputError(
+                "scene.servo_damping_nm_s_per_rad",
+                bench.scene.servo_damping_nm_s_per_rad,
+                "N m s/rad",
+                f"the plate still moves at {speed.max():.1e} rad/s after "
+                f"{_LONGEST_SETTLING_S:.0f} s; damp the servo or the bearing more",
+            )
+    # Sensors are one step old: two steps more give the end and the instant after it.
+    _, after = roll(
+        model, [state], _servo(model, bench, plan, at * bench.steps, 2)[None], threads=1
+    )
+    sensors = np.concatenate([parts[0][:1], *parts, after[0]])
+    return Stretch(first, at - first, _poses(model, sensors), np.concatenate(stages))
+
+
+@lru_cache(maxsize=16)
+def _settling(scene: SceneConfig, gravity: float, move: Move) -> float:
+    """How long a slew moves the plate, its settling included: s."""
+    rate = scene.physics_hz / max(1, round(scene.physics_hz / 100))
+    bench = Bench(scene, rate, int((move.duration_s + _LONGEST_SETTLING_S + 2) * rate))
+    slew = Plan(0.0, 0.0, 0.0, move.rate, move.acceleration, (move,))
+    return _drive(bench, gravity, slew, 0.0, 0).samples / rate
+
+
+def check_servo(scene: SceneConfig, plan: Plan) -> None:
+    """Raise InputError where a slew needs more torque than the servo has: inertia times
+    acceleration, and what the bearing takes at the highest rate."""
+    moves = plan.moves
+    if plan.before:
+        moves = (*moves, Move(0.0, plan.before, plan.rate, plan.acceleration))
+    inertia = _inertia(scene)
+    for move in moves:
+        drag = scene.bearing_friction_nm + scene.bearing_damping_nm_s_per_rad * move.rate
+        needed, torque = inertia * move.acceleration + drag, scene.servo_torque_nm
+        if needed > torque:
+            could = "the bearing alone takes more at that rate: slew slower"
+            if drag < torque:
+                could = f"it can do {np.rad2deg((torque - drag) / inertia):.3g} deg/s2 at that rate"
+            raise InputError(
+                "protocol.slew_deg_per_s2",
+                round(float(np.rad2deg(move.acceleration)), 6),
+                "deg/s2",
+                f"needs {needed:.3g} N m, and the servo gives {torque:g} (scene.servo_torque_nm); "
+                f"{could}",
+            )
+
+
+@lru_cache(maxsize=8)
+def _inertia(scene: SceneConfig) -> float:
+    return plate_inertia(load(replace(scene, sway=SwayConfig()), 9.8))
+
+
+def execute_swaying(
+    bench: Bench,
+    gravity: float,
+    plans: Sequence[Plan],
+    forces: Sequence[np.ndarray],
+    threads: int,
+) -> list[Executed]:
+    """Several recordings on a base that these forces sway, on so many threads. No number depends
+    on how many there are of either.
+
+    forces : (steps, 6) each, on the joints of `sim.sway.JOINTS`, from `lead_steps` before the
+    recording to two steps after it.
+    """
+    model = load(bench.scene, gravity)
+    lead, total = lead_steps(bench), len(forces[0])
+    rigid = replace(bench, scene=replace(bench.scene, sway=SwayConfig()))
+    still = [execute(rigid, gravity, p) for p in plans]
+    states = [_state(model, p.start) for p in plans]
+    motors = [model.actuator(name).id for name in JOINTS]
+    size = round(_BLOCK_S * bench.scene.physics_hz)
+    parts: list[list[Poses]] = [[] for _ in plans]
+    controls: list[np.ndarray] = []
+    for begin in range(0, total, size):
+        count = min(size, total - begin)
+        control = np.stack([_servo(model, bench, p, begin - lead, count) for p in plans])
+        control[:, :, motors] = [f[begin : begin + count] for f in forces]
+        after, sensors = roll(model, states, control, threads)
+        states = list(after[:, -1])
+        for own, sensed in zip(parts, sensors, strict=True):
+            own.append(_poses(model, sensed[max(lead - 1 - begin, 0) :]))
+        if begin <= lead < begin + count:
+            controls = [_control(bench.scene, model, sensed[lead - begin]) for sensed in sensors]
+    joined = [
+        Poses(*(np.concatenate([getattr(p, n) for p in own]) for n in vars(own[0])))
+        for own in parts
+    ]
+    return [
+        Executed(bench, (Stretch(0, bench.samples, poses, rest.stage),), own, rest.settling_s)
+        for poses, rest, own in zip(joined, still, controls, strict=True)
+    ]
+
+
+def lead_steps(bench: Bench) -> int:
+    """Physics steps that a swaying base takes before a recording starts."""
+    return round(_SWAY_LEAD_S * bench.scene.physics_hz)
+
+
+def roll(
+    model: mujoco.MjModel, states: Sequence[np.ndarray], control: np.ndarray, threads: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """MuJoCo's rollout: from each state (s,) under control (r, n, nu), on so many threads.
+
+    Returns the states after each step (r, n, s) and the sensors before it (r, n, sensors): MuJoCo
+    senses, then steps.
+    """
+    pool = [mujoco.MjData(model) for _ in range(min(threads, len(states)))]
+    return rollout.rollout(model, pool, np.stack(states), np.ascontiguousarray(control))
+
+
+def _servo(model: mujoco.MjModel, bench: Bench, plan: Plan, first: int, count: int) -> np.ndarray:
+    """The servo's commands over `count` physics steps from step `first`, as it sees them at each
+    step's start: (count, nu)."""
+    angle, rate = plan.command((first + np.arange(count)) * bench.step)
+    control = np.zeros((count, model.nu))
+    control[:, model.actuator("servo").id] = angle
+    control[:, model.actuator("servo_rate").id] = rate
+    return control
+
+
+def _state(model: mujoco.MjModel, angle: float) -> np.ndarray:
+    """At rest with the plate at this angle."""
+    data = mujoco.MjData(model)
+    data.joint("azimuth").qpos[0] = angle
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data, state, kind)
+    return state
+
+
+def _control(scene: SceneConfig, model: mujoco.MjModel, sensors: np.ndarray) -> np.ndarray:
+    """The control module's attitude, (3, 3), from the sensors of one instant."""
+    start = int(model.sensor("control_attitude").adr[0])
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, sensors[start : start + 4])
+    angle = sensors[int(model.sensor("encoder").adr[0])]
+    lean = lean_of_axis(scene, np.array([angle]))[0]
+    return lean @ NED_FROM_NWU @ matrix.reshape(3, 3)
+
+
+def _poses(model: mujoco.MjModel, sensors: np.ndarray) -> Poses:
+    """From sensors (m, all of them)."""
+
+    def read(name: str) -> np.ndarray:
+        sensor = model.sensor(name)
+        return sensors[:, int(sensor.adr[0]) : int(sensor.adr[0] + sensor.dim[0])].copy()
+
+    return Poses(read("test_attitude"), read("test_position"), read("encoder")[:, 0])

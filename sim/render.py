@@ -1,0 +1,177 @@
+"""The bench to look at: in a window, as a picture, as a film with what is felt below it."""
+
+import copy
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
+from tqdm import tqdm
+
+from lbgc.errors import InputError, require
+from lbgc.protocol import Plan, ProtocolConfig, plan
+from lbgc.report.figures import strips
+from lbgc.sensor.streams import Purpose, recording
+from sim import motion
+from sim.physics import Bench, execute
+from sim.scene import SceneConfig, load
+
+_FRAMES_A_S = 12.5  # a GIF counts in hundredths of a second
+_RATE_HZ = 100.0
+_COLOURS = 96
+
+
+@dataclass(frozen=True)
+class ViewConfig:
+    """`python sim/scene.py`"""
+
+    out: str | None = None
+    """A picture (.png) or a film (.gif) to write; null: a window to look round in."""
+    width: int = 960
+    """Pixels."""
+    height: int = 720
+    """Pixels, of the scene itself."""
+    plate_angle_deg: float = 30.0
+    """Where the plate stands in a picture."""
+    latitude: float = 32.76
+    """degrees, of a film's rates and forces"""
+    duration_s: float = 15.0
+    """Of a film, and of what the window repeats."""
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
+
+    def __post_init__(self) -> None:
+        kinds = (".png", ".gif")
+        good = self.out is None or self.out.endswith(kinds)
+        require(good, "out", self.out, f"must end in {' or '.join(kinds)}")
+        require(0 < self.width <= 1280, "width", self.width, "must be 1 to 1280 pixels")
+        require(0 < self.height <= 960, "height", self.height, "must be 1 to 960 pixels")
+        longest = 120
+        in_range = 0 < self.duration_s <= longest
+        require(in_range, "duration_s", self.duration_s, f"must be above 0, up to {longest}")
+        require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+        plan(self.protocol, 0, self.duration_s)
+
+    @property
+    def plan(self) -> Plan:
+        return plan(self.protocol, 0, self.duration_s)
+
+
+def view(config: ViewConfig) -> Path | None:
+    """Show the bench, or write its picture or film. Raises InputError where this machine cannot."""
+    if config.out is None:
+        look_round(config)
+        return None
+    out = Path(config.out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if out.suffix == ".png":
+        (pixels,) = _rendered(config, np.deg2rad([config.plate_angle_deg]))
+        Image.fromarray(pixels).save(out)
+    else:
+        _film(config, out)
+    return out
+
+
+def _film(config: ViewConfig, out: Path) -> None:
+    """The plan in real time, and below it rate, specific force and plate angle against time."""
+    bench = Bench(config.scene, _RATE_HZ, round(config.duration_s * _RATE_HZ))
+    drawn = motion.draw(config.scene, 0.0, recording(1, 0, Purpose.MOTION), config.duration_s)
+    latitude = float(np.deg2rad(config.latitude))
+    truth = motion.truth(bench, config.plan, latitude, drawn)
+    t = np.arange(1, bench.samples + 1) / _RATE_HZ
+    figure, axes = strips(
+        t,
+        np.broadcast_to(truth.omega_ib_b, (3, len(t))),
+        np.broadcast_to(truth.f_ib_b, (3, len(t))),
+        truth.plate_angle,
+        config.width,
+    )
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    below = np.asarray(canvas.buffer_rgba())[:, :, :3]
+    frames_t = np.arange(0, config.duration_s, 1 / _FRAMES_A_S)
+    angle = config.plan.start + np.interp(frames_t, t, truth.plate_angle)
+    frames = []
+    scenes = _rendered(config, angle, quick=True)
+    shown = tqdm(scenes, "filming", len(angle), unit="frame", leave=False)
+    for now, above in zip(frames_t, shown, strict=True):
+        strip = below.copy()
+        for own in axes:
+            x, low = own.transData.transform((now, own.get_ylim()[0])).astype(int)
+            top = int(own.transData.transform((now, own.get_ylim()[1]))[1])
+            strip[len(strip) - top : len(strip) - low, x : x + 2] = (209, 105, 31)
+        whole = Image.fromarray(np.concatenate([above, strip]))
+        frames.append(whole.quantize(_COLOURS, dither=Image.Dither.NONE))
+    every = round(1000 / _FRAMES_A_S)
+    frames[0].save(out, save_all=True, append_images=frames[1:], duration=every, loop=0)
+
+
+def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> Iterator[np.ndarray]:
+    """The scene with the plate at these angles (rad), offscreen: (height, width, 3), uint8.
+
+    quick : coarser shadows and edges, for a film.
+    """
+    model = copy.copy(load(config.scene, 9.8))
+    if quick:
+        model.vis.quality.shadowsize, model.vis.quality.offsamples = 2048, 2
+    data = mujoco.MjData(model)
+    try:
+        with mujoco.Renderer(model, config.height, config.width) as renderer:
+            for angle in angles:
+                data.joint("azimuth").qpos[0] = angle
+                mujoco.mj_forward(model, data)
+                renderer.update_scene(data, camera="overview")
+                yield renderer.render()
+    except Exception as error:  # each backend fails in a way of its own
+        raise InputError(
+            "MUJOCO_GL",
+            os.environ.get("MUJOCO_GL", "(not set)"),
+            "",
+            f"cannot render here ({type(error).__name__}: {error}); install libosmesa6, or libegl1 "
+            "and libgl1-mesa-dri, and set MUJOCO_GL to osmesa or egl",
+        ) from error
+
+
+def look_round(config: ViewConfig) -> None:
+    """MuJoCo's window, the plan repeated in real time, until it is closed."""
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise InputError(
+            "out", None, "", "there is no display here; give out=scene.png or out=slew.gif"
+        )
+    import mujoco.viewer
+
+    model = load(config.scene, 9.8)
+    data = mujoco.MjData(model)
+    bench = Bench(config.scene, _RATE_HZ, round(config.duration_s * _RATE_HZ))
+    executed = execute(bench, 9.8, config.plan)
+    with mujoco.viewer.launch_passive(model, data) as window:
+        started = time.monotonic()
+        while window.is_running():
+            now = (time.monotonic() - started) % config.duration_s
+            data.joint("azimuth").qpos[0] = executed.angle_at(np.array(now))
+            mujoco.mj_forward(model, data)
+            window.sync()
+            time.sleep(1 / 60)
+
+
+def try_picture(out: Path, config: SceneConfig) -> str | None:
+    """Render in a process of its own, so that a graphics driver's crash costs a picture only.
+
+    Returns None, or why there is no picture.
+    """
+    script = Path(__file__).with_name("scene.py")
+    # Of all that a scene has, the arms are what one sees.
+    command = [sys.executable, str(script), f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    if done.returncode == 0 and out.exists():
+        return None
+    return (done.stderr.strip().splitlines() or ["it crashed"])[-1]
