@@ -29,7 +29,8 @@ from lbgc.sensor.imu import Disturbance, Timing, Triad, TriadErrors
 from lbgc.sensor.streams import Purpose
 from sim import motion
 from sim.motion import Draw, Truth
-from sim.physics import Bench, check_servo
+from sim.physics import check_servo
+from sim.poses import Bench
 from sim.render import try_picture
 from sim.scene import SceneConfig
 

@@ -14,11 +14,11 @@ import numpy as np
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotation_z, wrap
 from lbgc.protocol import Plan
-from lbgc.units import factor
 from sim import kinematics, sway
 from sim.disturbance import Floor
 from sim.kinematics import Felt
-from sim.physics import Bench, Executed, execute, execute_swaying, lead_steps
+from sim.physics import execute, execute_swaying, lead_steps
+from sim.poses import Bench, Executed
 from sim.scene import SceneConfig
 
 _POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
@@ -103,7 +103,7 @@ def truths(
 ) -> Iterator[Truth]:
     """The same for several recordings, which share so many threads where the base sways."""
     gravity = normal_gravity(latitude)
-    for planned, drawn, executed in _executed(bench, gravity, plans, draws, threads):
+    for drawn, executed in _executed(bench, gravity, plans, draws, threads):
         if bench.scene.sway.present or any(drawn.floor.moving):
             felt, attitude = _on_moving_floor(executed, drawn)
             level = np.eye(3)
@@ -112,15 +112,14 @@ def truths(
             attitude = level @ _ends(executed)
         to_n = rotation_z(drawn.azimuth)
         earth, down = to_n.T @ earth_rate_ned(latitude), np.array([0.0, 0.0, gravity])
-        t = np.arange(1, bench.samples + 1) / bench.rate_hz
         start, control = (to_n @ matrix for matrix in _at_start(executed, drawn))
         roll, pitch, heading = (float(a) for a in matrix_to_euler(start))
         yield Truth(
             omega_ib_b=felt.omega(level.T @ earth),
             f_ib_b=felt.force(level.T @ earth, level.T @ down),
-            plate_angle=_encoder(bench.scene, executed, t),
+            plate_angle=executed.encoder,
             stage=executed.stage,
-            attitude=_attitude(to_n @ attitude, heading, executed.angle_at(t) - planned.start),
+            attitude=_attitude(to_n @ attitude, heading, executed),
             heading=heading,
             heading_control=float(matrix_to_euler(control)[2]),
             roll=roll,
@@ -131,10 +130,10 @@ def truths(
 
 def _executed(
     bench: Bench, gravity: float, plans: Sequence[Plan], draws: Sequence[Draw], threads: int
-) -> Iterator[tuple[Plan, Draw, Executed]]:
+) -> Iterator[tuple[Draw, Executed]]:
     if not bench.scene.sway.present:
         for planned, drawn in zip(plans, draws, strict=True):
-            yield planned, drawn, execute(bench, gravity, planned)
+            yield drawn, execute(bench, gravity, planned)
         return
     steps = lead_steps(bench) + bench.samples * bench.steps + 2
     fits = int(_POSES_BYTES // (steps * 8 * 8))
@@ -144,10 +143,8 @@ def _executed(
         forces = [
             d.sway_level * sway.forces(bench.scene.sway, d.sway, steps, bench.step) for d in own
         ]
-        some = plans[first : first + batch]
-        yield from zip(
-            some, own, execute_swaying(bench, gravity, some, forces, threads), strict=True
-        )
+        executed = execute_swaying(bench, gravity, plans[first : first + batch], forces, threads)
+        yield from zip(own, executed, strict=True)
 
 
 def _on_moving_floor(executed: Executed, drawn: Draw) -> tuple[Felt, np.ndarray]:
@@ -168,7 +165,7 @@ def _on_moving_floor(executed: Executed, drawn: Draw) -> tuple[Felt, np.ndarray]
 
 def _ends(executed: Executed) -> np.ndarray:
     """Attitude in the base's axes at the samples' ends, (n, 3, 3); (1, 3, 3) where it is one."""
-    if not any(s.moves for s in executed.stretches):
+    if not executed.moves:
         return executed.pose(executed.stretches[0].poses)[0]
     steps, parts = executed.bench.steps, []
     for s in executed.stretches:
@@ -187,24 +184,7 @@ def _at_start(executed: Executed, drawn: Draw) -> tuple[np.ndarray, np.ndarray]:
     return floor @ test, floor @ executed.control
 
 
-def _attitude(c_nb: np.ndarray, heading: float, turned: np.ndarray) -> np.ndarray:
+def _attitude(c_nb: np.ndarray, heading: float, executed: Executed) -> np.ndarray:
     roll, pitch, yaw = matrix_to_euler(c_nb)
-    if len(c_nb) == 1:  # the plate stands still
-        turned = turned[:1]
+    turned = executed.turned if executed.moves else 0.0
     return np.stack([roll, pitch, wrap(yaw - heading - turned)], axis=-1)
-
-
-def _encoder(scene: SceneConfig, executed: Executed, t: np.ndarray) -> np.ndarray:
-    """What it reads at times t (s), zeroed at the recording's start: late, off by its eccentric
-    disc, in counts."""
-
-    def reads(at: np.ndarray) -> np.ndarray:
-        angle = executed.angle_at(at - scene.encoder_latency_s)
-        error = scene.encoder_error_arcsec * factor("encoder_error_arcsec")
-        angle = angle + error * np.sin(angle)
-        if scene.encoder_lsb_arcsec is None:
-            return angle
-        lsb = scene.encoder_lsb_arcsec * factor("encoder_lsb_arcsec")
-        return np.rint(angle / lsb) * lsb
-
-    return reads(t) - reads(np.zeros(1))

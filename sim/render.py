@@ -20,7 +20,8 @@ from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.report.figures import strips
 from lbgc.sensor.streams import Purpose, recording
 from sim import motion
-from sim.physics import Bench, execute
+from sim.physics import execute
+from sim.poses import Bench
 from sim.scene import SceneConfig, load
 
 _FRAMES_A_S = 12.5  # a GIF counts in hundredths of a second

@@ -13,6 +13,7 @@ from lbgc.earth import earth_rate_ned
 from lbgc.estimators.static import mean
 from lbgc.frames import rotation_z, wrap
 from lbgc.metrics import heading_errors
+from lbgc.protocol import STAGES
 from sim.generate import GenerateConfig
 
 SMALL = {"recordings": 20, "rate_hz": 50.0, "duration_s": 20.0}
@@ -237,6 +238,55 @@ def test_timestamps_jitter_and_samples_get_lost():
 def test_timestamps_are_printed_in_order():
     config = default_config("rate_hz=50", "duration_s=20", "imu.timing.jitter_s=0.1")
     assert (np.diff(np.arange(1, 1001) / 50 + recording(config, 0)["time_error"]) > -1e-12).all()
+
+
+def test_a_moving_recording_carries_angle_stage_and_truth():
+    config = default_config("protocol=two_position", "rate_hz=50", "duration_s=40")
+    row = recording(config, 0)
+    angle, stage = row["plate_angle"], row["stage"]
+    assert angle[0] == 0
+    assert angle[-1] == pytest.approx(np.pi, abs=1e-9)
+    assert [STAGES[s] for s in stage[np.flatnonzero(np.diff(stage, prepend=9))]] == [
+        "rest",
+        "slew",
+        "settle",
+        "rest",
+    ]
+    # what was printed less its bias, at either rest, is Earth's rate at that heading: in-run noise
+    # of 16 s means, six sigma = 3 deg/h
+    bias = sum(row[f"gyro_bias_{part}"] for part in ("unit", "session", "run"))
+    lsb = config.imu.gyro.triad().lsb
+    for rest in (slice(0, 800), slice(-800, None)):
+        heading = row["heading"] + angle[rest].mean()
+        truth = earth_rate_ned(row["latitude"]) @ rotation_z(heading)
+        printed = row["gyro"][rest].mean(axis=0) * lsb - row["gyro_matrix"] @ truth - bias
+        assert np.abs(printed - truth).max() < np.deg2rad(3 / 3600)
+    assert np.abs(row["attitude"]).max() < 1e-6
+
+
+@pytest.mark.parametrize("options", [(), ("scene=vibrating_floor",), ("scene=moored",)])
+def test_means_of_a_moving_recording_are_averages_of_its_samples(options):
+    """A perfect sensor: block means, stages and angles are those of the samples."""
+    moving = ("imu=ideal", "protocol=two_position", "rate_hz=50", "duration_s=40", *options)
+    fine = recording(default_config(*moving), 2)
+    means = recording(default_config(*moving, "output=means", "mean_s=2"), 2)
+    for name in ("gyro", "accel", "plate_angle", "attitude"):
+        blocks = fine[name].reshape(20, 100, *fine[name].shape[1:]).mean(axis=1)
+        np.testing.assert_allclose(means[name], blocks, atol=3e-7 * np.abs(blocks).max())
+    assert set(means["stage"]) == {0, 1, 2}
+
+
+def test_a_vehicle_sways_and_says_how_much():
+    config = default_config("scene=vehicle", "scene.sway.level=[0.5,1.5]", "protocol=static",
+                            "rate_hz=100", "duration_s=10", "scene.physics_hz=400")  # fmt: skip
+    rows = list(sim.generate._recordings(config, sensor(config), range(3)))
+    levels = [float(r["sway_level"]) for r in rows]
+    assert len(set(levels)) == 3
+    assert all(0.5 <= level <= 1.5 for level in levels)
+    assert all(np.ptp(r["attitude"], axis=0).min() > 0 for r in rows)
+    again = recording(config, 1)
+    for name in VARIABLES:
+        np.testing.assert_array_equal(again[name], rows[1][name])
 
 
 def test_at_the_pole_generation_warns(cli):

@@ -15,7 +15,8 @@ from lbgc.sensor import streams
 from sim import motion, physics
 from sim.disturbance import FloorConfig, VibrationConfig
 from sim.motion import Draw, Truth, truth
-from sim.physics import Bench, execute
+from sim.physics import execute
+from sim.poses import Bench
 from sim.scene import SceneConfig, load, plate_inertia
 from sim.sway import SwayConfig
 
