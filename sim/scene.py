@@ -165,7 +165,7 @@ def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
     spec.joint("roll").pos = [0.0, 0.0, sway.roll_axis_height_m]
     spec.joint("pitch").pos = [0.0, 0.0, sway.pitch_axis_height_m]
     slope = math.radians(sway.roll_axis_slope_deg)
-    spec.joint("roll").axis = [math.cos(slope), 0.0, -math.sin(slope)]
+    spec.joint("roll").axis = [-math.cos(slope), 0.0, -math.sin(slope)]
     for name in ("vehicle", "base", "plate"):
         spec.body(name).gravcomp = 1.0  # springs are at rest where the vehicle stands
     model = spec.compile()

@@ -1,13 +1,14 @@
 """What makes a parked vehicle sway: its suspension's figures, and the forces of people and wind.
 
-Three forces act on each of the vehicle's six joints:
+On each of the vehicle's six joints act
 
-    F(t) = level (L(t) + a(t) n(t) + w(t)),    L(t) = X(u(t)),    du = a dt.
+    F(t) = level (L(t) + a(t) n(t) + w(t)),    L(t) = h * X(u(t)),    du = a dt.
 
-a is the activity, zero in the quiet and about one in spells. L is the people's load: an
-Ornstein-Uhlenbeck process X on a clock u that goes only while people move, so that the load stays
-put in the quiet. n is their agitation, noise that comes and goes with them, and w the wind, always
-there. The suspension then answers as a suspension does: with tilts that stay, and ringing.
+a is the activity: about one in spells, next to nothing in the quiet between them. L is the load
+of the people, an Ornstein-Uhlenbeck process X on a clock u that goes only while they move, smoothed
+(h) by the time that a move takes: it stays put in the quiet, whatever it has become. n is
+agitation, noise that comes and goes with the activity, and w the wind, always there. The suspension
+answers as suspensions do: with tilts that stay, and with ringing.
 """
 
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from lbgc.errors import require, require_not_negative, require_positive
 JOINTS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The vehicle's joints and motors by name: moves forward, right, down and turns about these."""
 
+_SIZES = {"inertia_kg_m2": 3, "load_nm": 2, "load_s": 3, "move_s": 3}  # other lists: six
 _BURN_IN = 8  # cycles of quiet and spell before the recording starts
 
 
@@ -33,68 +35,73 @@ class SwayConfig:
     uniformly for each recording."""
     mass_kg: float = 2000.0
     """Of the vehicle, without the table."""
-    inertia_kg_m2: list[float] = field(default_factory=lambda: [1200.0, 3800.0, 4700.0])
+    inertia_kg_m2: list[float] = field(default_factory=lambda: [740.0, 2600.0, 3200.0])
     """About its centre of mass: roll, pitch, yaw."""
-    com_height_m: float = 0.43
+    com_height_m: float = 0.19
     """Of that centre above the floor that the table stands on."""
-    roll_axis_height_m: float = -0.33
+    roll_axis_height_m: float = -0.41
     """Of the axis about which the suspension rolls, above that floor, below the table."""
-    pitch_axis_height_m: float = -0.52
+    pitch_axis_height_m: float = -0.6
     """Of the axis about which it pitches."""
-    roll_axis_slope_deg: float = 4.6
+    roll_axis_slope_deg: float = 3.7
     """How far the roll axis points down in front."""
-    frequency_hz: list[float] = field(default_factory=lambda: [2.29, 3.4, 3.19, 2.23, 2.61, 2.94])
+    frequency_hz: list[float] = field(default_factory=lambda: [2.3, 3.26, 3.6, 2.29, 2.62, 2.97])
     """Natural, of each joint with the others held."""
     damping_ratio: list[float] = field(
-        default_factory=lambda: [0.37, 0.0038, 0.062, 0.19, 0.014, 0.12]
+        default_factory=lambda: [0.35, 0.008, 0.068, 0.2, 0.02, 0.15]
     )
     """Likewise."""
-    load_n: float = 460.0
+    load_n: float = 600.0
     """The people's weight as it moves, 1 sigma over a long time: what presses on the springs."""
-    load_nm: list[float] = field(default_factory=lambda: [791.0, 634.0])
-    """Its moments about the roll and the pitch axis, likewise."""
-    load_s: float = 6.0
-    """Time, while people move, in which the load forgets where it was."""
-    move_s: float = 0.12
-    """Time constant, twice, with which the load follows."""
-    agitation_n: float = 18.0
+    load_nm: list[float] = field(default_factory=lambda: [475.0, 947.0])
+    """Its moments about the roll and the pitch axis, likewise, as people move about."""
+    load_forward_m: float = 0.66
+    """Where they mostly sit: so far in front of the springs' middle, weight also pitches."""
+    load_s: list[float] = field(default_factory=lambda: [5.0, 4.0, 7.0])
+    """Time, while people move, in which weight and the two moments forget where they were."""
+    move_s: list[float] = field(default_factory=lambda: [0.11, 0.15, 3.1])
+    """Time constant, twice, of one move: people come and cross in a step, and walk along."""
+    agitation_n: float = 17.0
     """Rms of the forces that shake surge, sway and heave while people move."""
-    agitation_nm: float = 26.0
+    agitation_nm: float = 31.0
     """Rms of the moments that shake roll, pitch and yaw."""
-    agitation_hz: float = 2.3
+    agitation_hz: float = 2.0
     """Above it agitation falls off, as f^-2."""
     wind_n: float = 3.0
     """Rms of the wind's forces on surge, sway and heave."""
-    wind_nm: float = 4.0
+    wind_nm: float = 3.0
     """Rms of its moments on roll, pitch and yaw."""
     wind_hz: float = 1.5
     """Above it wind falls off, as f^-1."""
-    quiet_s: float = 65.0
+    restlessness: float = 0.013
+    """Activity in the quiet."""
+    quiet_s: float = 80.0
     """Mean time between spells."""
-    spell_s: float = 15.0
+    spell_s: float = 17.0
     """Mean length of a spell."""
-    regularity: float = 3.0
+    regularity: float = 12.0
     """Of both: shape of their gamma distributions; 1: as irregular as rain, large: a clock."""
-    spell_spread: float = 0.7
+    spell_spread: float = 0.35
     """Of a spell's activity about 1: 1 sigma of its logarithm."""
 
     def __post_init__(self) -> None:
-        low, high = self.level_range
-        good = len(np.ravel(self.level)) <= 2 and 0 <= low <= high
+        levels = np.ravel(self.level)
+        good = 1 <= len(levels) <= 2 and 0 <= levels[0] <= levels[-1]
         require(good, "level", self.level, "must be 0 or more, or [low, high]")
         for name, value in vars(self).items():
             if name != "level" and isinstance(value, list):
-                n = {"inertia_kg_m2": 3, "load_nm": 2}.get(name, len(JOINTS))
+                n = _SIZES.get(name, len(JOINTS))
                 require(len(value) == n, name, value, f"must be {n} numbers")
-        require_not_negative(self, "damping_ratio", "load_n", "load_nm", "quiet_s", "spell_spread")
-        require_not_negative(self, "agitation_n", "agitation_nm", "wind_n", "wind_nm")
-        x, y, z = sorted(self.inertia_kg_m2)
-        require(x + y >= z, "inertia_kg_m2", self.inertia_kg_m2, "must not exceed the others' sum")
-        for name in ("inertia_kg_m2", "frequency_hz"):
+        for name in ("inertia_kg_m2", "frequency_hz", "load_s", "move_s"):
             require_positive(name, min(getattr(self, name)))
-        for name in ("mass_kg", "load_s", "move_s", "agitation_hz", "wind_hz", "spell_s"):
+        for name in ("mass_kg", "agitation_hz", "wind_hz", "spell_s", "regularity"):
             require_positive(name, getattr(self, name))
-        require_positive("regularity", self.regularity)
+        require_not_negative(self, "damping_ratio", "load_n", "load_nm", "agitation_n")
+        require_not_negative(self, "agitation_nm", "wind_n", "wind_nm", "restlessness")
+        require_not_negative(self, "quiet_s", "spell_spread")
+        *others, largest = sorted(self.inertia_kg_m2)
+        bodily = sum(others) >= largest
+        require(bodily, "inertia_kg_m2", self.inertia_kg_m2, "has one above the others' sum")
 
     def __hash__(self) -> int:  # lists have none; models are kept by their configuration
         return hash(repr(self))
@@ -116,38 +123,40 @@ def draw_level(config: SwayConfig, rng: np.random.Generator) -> float:
 
 
 def forces(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """At level 1, on the joints in the order of `JOINTS`: (steps, 6), N and N m; dt : s."""
+    """At level 1, on the joints in the order of `JOINTS`: (steps, 6), N and N m; dt : s.
+
+    A recording starts as it goes on: with people somewhere, and in any part of a spell.
+    """
+    for name in ("agitation_hz", "wind_hz"):
+        corner = getattr(config, name)
+        require(2 * corner * dt < 1, name, corner, f"must be below {0.5 / dt:g}, half the steps'")
     activity = spells(config, rng, steps, dt)
     agitation = activity * _low_pass_noise(rng, steps, dt, config.agitation_hz, order=2)
     wind = _low_pass_noise(rng, steps, dt, config.wind_hz, order=1)
     shaking = [config.agitation_n] * 3 + [config.agitation_nm] * 3
     blowing = [config.wind_n] * 3 + [config.wind_nm] * 3
     total = agitation * np.array(shaking)[:, None] + wind * np.array(blowing)[:, None]
-    total[2:5] += _load(config, rng, activity, dt) * np.array(
-        [[config.load_n], *np.c_[config.load_nm]]
-    )
+    weight, rolling, pitching = _load(config, rng, activity, dt)
+    total[2] += config.load_n * weight
+    total[3] += config.load_nm[0] * rolling
+    total[4] += config.load_nm[1] * pitching - config.load_forward_m * config.load_n * weight
     return total.T
 
 
 def spells(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """The activity, (steps,): quiet and spells in turn, of gamma-distributed lengths."""
     cycle = config.quiet_s + config.spell_s
-    duration = steps * dt
-    # As many cycles as last for certain: gamma sums hardly fall below half of their mean.
-    count = 2 * int(np.ceil(duration / cycle)) + 2 * _BURN_IN
+    # As many cycles as last for certain: sums of so many hardly fall below half of their mean.
+    count = 2 * int(np.ceil(steps * dt / cycle)) + 2 * _BURN_IN
     k = config.regularity
-    quiet = rng.gamma(k, config.quiet_s / k, count)
-    active = rng.gamma(k, config.spell_s / k, count)
-    size = rng.lognormal(-(config.spell_spread**2) / 2, config.spell_spread, count)
-    # The recording starts anywhere in a cycle, long after the first.
-    start = (
-        np.cumsum(quiet) + np.r_[0.0, np.cumsum(active)[:-1]] - (_BURN_IN + rng.uniform()) * cycle
-    )
-    edges = np.clip(np.rint(np.stack([start, start + active]) / dt), 0, steps).astype(int)
-    change = np.zeros(steps + 1)
-    np.add.at(change, edges, np.stack([size, -size]))
-    activity = np.cumsum(change)[:steps]
-    return np.maximum(activity, 0.0)  # rounding
+    quiet, spell = rng.gamma(k, [[config.quiet_s / k], [config.spell_s / k]], (2, count))
+    size = rng.lognormal(-(config.spell_spread**2) / 2, config.spell_spread, count)  # of mean 1
+    # The recording starts anywhere in a cycle, and long after the first.
+    ends = np.cumsum(quiet + spell) - (_BURN_IN + rng.uniform()) * cycle
+    time = np.arange(steps) * dt
+    current = np.searchsorted(ends, time, side="right")
+    in_spell = time >= (ends - spell)[current]
+    return np.where(in_spell, size[current], config.restlessness)
 
 
 def _load(
@@ -155,16 +164,17 @@ def _load(
 ) -> np.ndarray:
     """Unit Ornstein-Uhlenbeck processes on the clock of activity, as smooth as people move."""
     clock = np.cumsum(activity)
-    keep = np.exp(-dt / config.load_s)
-    steps = rng.standard_normal((3, int(clock[-1]) + 2))
-    steps[:, 1:] *= np.sqrt(1 - keep**2)  # the first is the stationary start
-    x = scipy.signal.lfilter([1.0], [1.0, -keep], steps)
     i = clock.astype(int)
-    load = x[:, i] + (clock - i) * (x[:, i + 1] - x[:, i])
-    follow = np.exp(-dt / config.move_s)
-    for _ in range(2):
-        still = follow * load[:, :1]
-        load, _ = scipy.signal.lfilter([1 - follow], [1.0, -follow], load, zi=still)
+    load = np.empty((3, len(clock)))
+    for row, forget_s, move_s in zip(load, config.load_s, config.move_s, strict=True):
+        keep, follow = np.exp(-dt / np.array([forget_s, move_s]))
+        steps = rng.standard_normal(i[-1] + 2)
+        steps[1:] *= np.sqrt(1 - keep**2)  # the first is the stationary start
+        x = scipy.signal.lfilter([1.0], [1.0, -keep], steps)
+        row[:] = x[i] + (clock - i) * (x[i + 1] - x[i])
+        for _ in range(2):
+            still = follow * row[:1]
+            row[:], _ = scipy.signal.lfilter([1 - follow], [1.0, -follow], row, zi=still)
     return load
 
 
