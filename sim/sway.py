@@ -51,9 +51,9 @@ class SwayConfig:
         default_factory=lambda: [0.35, 0.008, 0.068, 0.2, 0.02, 0.15]
     )
     """Likewise."""
-    load_n: float = 600.0
+    load_n: float = 590.0
     """The people's weight as it moves, 1 sigma over a long time: what presses on the springs."""
-    load_nm: list[float] = field(default_factory=lambda: [475.0, 947.0])
+    load_nm: list[float] = field(default_factory=lambda: [472.0, 943.0])
     """Its moments about the roll and the pitch axis, likewise, as people move about."""
     load_forward_m: float = 0.66
     """Where they mostly sit: so far in front of the springs' middle, weight also pitches."""
@@ -61,9 +61,9 @@ class SwayConfig:
     """Time, while people move, in which weight and the two moments forget where they were."""
     move_s: list[float] = field(default_factory=lambda: [0.11, 0.15, 3.1])
     """Time constant, twice, of one move: people come and cross in a step, and walk along."""
-    agitation_n: float = 17.0
+    agitation_n: float = 16.0
     """Rms of the forces that shake surge, sway and heave while people move."""
-    agitation_nm: float = 31.0
+    agitation_nm: float = 30.0
     """Rms of the moments that shake roll, pitch and yaw."""
     agitation_hz: float = 2.0
     """Above it agitation falls off, as f^-2."""
@@ -73,7 +73,7 @@ class SwayConfig:
     """Rms of its moments on roll, pitch and yaw."""
     wind_hz: float = 1.5
     """Above it wind falls off, as f^-1."""
-    restlessness: float = 0.013
+    restlessness: float = 0.006
     """Activity in the quiet."""
     quiet_s: float = 80.0
     """Mean time between spells."""
@@ -163,19 +163,34 @@ def _load(
     config: SwayConfig, rng: np.random.Generator, activity: np.ndarray, dt: float
 ) -> np.ndarray:
     """Unit Ornstein-Uhlenbeck processes on the clock of activity, as smooth as people move."""
-    clock = np.cumsum(activity)
-    i = clock.astype(int)
+    clock = np.cumsum(activity) * dt
     load = np.empty((3, len(clock)))
     for row, forget_s, move_s in zip(load, config.load_s, config.move_s, strict=True):
-        keep, follow = np.exp(-dt / np.array([forget_s, move_s]))
-        steps = rng.standard_normal(i[-1] + 2)
-        steps[1:] *= np.sqrt(1 - keep**2)  # the first is the stationary start
-        x = scipy.signal.lfilter([1.0], [1.0, -keep], steps)
-        row[:] = x[i] + (clock - i) * (x[i + 1] - x[i])
+        row[:] = _ornstein_uhlenbeck(rng, clock / forget_s)
+        follow = np.exp(-dt / move_s)
         for _ in range(2):
             still = follow * row[:1]
             row[:], _ = scipy.signal.lfilter([1 - follow], [1.0, -follow], row, zi=still)
     return load
+
+
+def _ornstein_uhlenbeck(rng: np.random.Generator, u: np.ndarray) -> np.ndarray:
+    """Of unit variance, exact at instants u (in correlation times, never decreasing).
+
+    x[k] = e^-d x[k-1] + sqrt(1 - e^-2d) e[k] with d = u[k] - u[k-1], solved as the running sum of
+    e^u times the noise; in stretches, so that e^u does not overflow.
+    """
+    d = np.diff(u, prepend=u[0])
+    noise = rng.standard_normal(len(u))
+    noise[1:] *= np.sqrt(-np.expm1(-2 * d[1:]))  # the first is the stationary start
+    x, start, before = np.empty(len(u)), 0, 0.0
+    while start < len(u):
+        stop = int(np.searchsorted(u, u[start] + 30.0, side="right"))
+        grown = np.exp(u[start:stop] - u[start])
+        sums = np.cumsum(grown * noise[start:stop])
+        x[start:stop] = (before * np.exp(-d[start]) + sums) / grown
+        start, before = stop, x[stop - 1]
+    return x
 
 
 def _low_pass_noise(
