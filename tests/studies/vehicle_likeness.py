@@ -83,7 +83,7 @@ class Likeness:
     """What is asked of the vehicle scene, simulated against real."""
 
     psd_ratio: np.ndarray  # (bands, 6): mean simulated over real
-    spread_ratio: np.ndarray  # (6,): of the spread over all simulated blocks to the real one
+    spread_ratio: np.ndarray  # (6,): median over simulated logs of the spread, over the real one
     real: np.ndarray  # (windows, figures), deg
     low: np.ndarray  # likewise: 2.5% of the simulated logs
     high: np.ndarray  # 97.5%
