@@ -16,7 +16,7 @@ from lbgc.units import factor
 _WAVES = 32  # sinusoids that make a sea; their sum is Gaussian to a percent of its kurtosis
 
 
-def drawn(rng: np.random.Generator, value: Spread) -> float:
+def pick(rng: np.random.Generator, value: Spread) -> float:
     """A recording's own value. One number is drawn in either case."""
     share = rng.random()
     low, high = value if isinstance(value, tuple) else (value, value)
@@ -85,7 +85,7 @@ class VibrationConfig:
         return bool(np.any(self.rate_deg_per_h) or np.any(self.force_ug)) and self.level != 0.0
 
     def draw(self, rng: np.random.Generator, duration_s: float) -> Vibration:
-        level, hz, drift = (drawn(rng, v) for v in (self.level, self.hz, self.drift_hz))
+        level, hz, drift = (pick(rng, v) for v in (self.level, self.hz, self.drift_hz))
         rate, force = (_si(self, n, getattr(self, n)) for n in ("rate_deg_per_h", "force_ug"))
         return Vibration(level, hz, drift, self.drift_s, rate, force, rng.uniform(0, 2 * np.pi, 7))
 
@@ -149,7 +149,7 @@ class KnocksConfig:
 
     def draw(self, rng: np.random.Generator, duration_s: float) -> Knocks:
         per_minute, peak, tilt, hz = (
-            drawn(rng, v) for v in (self.per_minute, self.peak_mg, self.tilt_arcsec, self.hz)
+            pick(rng, v) for v in (self.per_minute, self.peak_mg, self.tilt_arcsec, self.hz)
         )
         count = rng.poisson(per_minute * duration_s / 60)
         at = np.sort(rng.uniform(0, duration_s, count))
@@ -185,7 +185,7 @@ class TiltingConfig:
         return self.arcsec_per_h != 0.0
 
     def draw(self, rng: np.random.Generator, duration_s: float) -> Tilting:
-        rate = _si(self, "arcsec_per_h", drawn(rng, self.arcsec_per_h))
+        rate = _si(self, "arcsec_per_h", pick(rng, self.arcsec_per_h))
         return Tilting(float(rate), rng.uniform(0, 2 * np.pi))
 
 
@@ -249,7 +249,7 @@ class MooredConfig:
 
     def draw(self, rng: np.random.Generator, duration_s: float) -> Moored:
         roll, pitch, heave, period = (
-            drawn(rng, v) for v in (self.roll_deg, self.pitch_deg, self.heave_m, self.period_s)
+            pick(rng, v) for v in (self.roll_deg, self.pitch_deg, self.heave_m, self.period_s)
         )
         spread = np.clip(rng.standard_normal((3, _WAVES)), -3, 3)
         return Moored(

@@ -15,7 +15,7 @@ from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotation_z, wrap
 from lbgc.protocol import Plan
 from sim import kinematics, sway
-from sim.disturbance import Floor
+from sim.disturbance import Floor, pick
 from sim.kinematics import Felt
 from sim.physics import execute, execute_swaying, lead_steps
 from sim.poses import Bench, Executed
@@ -54,7 +54,7 @@ def draw(scene: SceneConfig, azimuth: float, rng: np.random.Generator, duration_
         roll=float(np.deg2rad(scene.base_roll_deg + roll)),
         pitch=float(np.deg2rad(scene.base_pitch_deg + pitch)),
         floor=scene.floor.draw(floor, duration_s),
-        sway_level=sway.draw_level(scene.sway, level),
+        sway_level=pick(level, scene.sway.level),
         sway=forces,
     )
 
@@ -143,7 +143,8 @@ def _executed(
         forces = [
             d.sway_level * sway.forces(bench.scene.sway, d.sway, steps, bench.step) for d in own
         ]
-        executed = execute_swaying(bench, gravity, plans[first : first + batch], forces, threads)
+        some, levels = plans[first : first + batch], [d.level for d in own]
+        executed = execute_swaying(bench, gravity, some, levels, forces, threads)
         yield from zip(own, executed, strict=True)
 
 
@@ -155,12 +156,17 @@ def _on_moving_floor(executed: Executed, drawn: Draw) -> tuple[Felt, np.ndarray]
         t = (at + np.arange(len(block))) * bench.step
         attitude, place = executed.pose(block)
         rotation, carried = drawn.floor.motion(t)
-        floor = rotation_matrix(rotation) @ drawn.level
+        floor = rotation_matrix(rotation) @ _level(bench, drawn)
         attitude, place = floor @ attitude, np.einsum("mij,mj->mi", floor, place)
         parts.append(kinematics.felt(attitude, place, bench.step, bench.steps, carried))
         ends.append(attitude[1 + bench.steps : -1 : bench.steps])
         at += len(block) - 3
     return kinematics.joined(parts), np.concatenate(ends)
+
+
+def _level(bench: Bench, drawn: Draw) -> np.ndarray:
+    """How the base stands on the floor, (3, 3): in a vehicle the physics has that already."""
+    return np.eye(3) if bench.scene.sway.present else drawn.level
 
 
 def _ends(executed: Executed) -> np.ndarray:
@@ -180,7 +186,8 @@ def _at_start(executed: Executed, drawn: Draw) -> tuple[np.ndarray, np.ndarray]:
     """Attitudes (3, 3) of the test and the control module in A when the encoder is zeroed."""
     first = executed.stretches[0]
     test = executed.pose(first.poses[1:2] if first.moves else first.poses)[0][0]
-    floor = rotation_matrix(drawn.floor.motion(np.zeros(1))[0][0]) @ drawn.level
+    turned = rotation_matrix(drawn.floor.motion(np.zeros(1))[0][0])
+    floor = turned @ _level(executed.bench, drawn)
     return floor @ test, floor @ executed.control
 
 

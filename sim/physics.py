@@ -3,6 +3,7 @@
 Where the base is rigid only what moves is stepped; where it sways everything is.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -84,7 +85,7 @@ def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) 
     while at < bench.samples and not settled:
         count = min(chunk, bench.samples - at)
         control = _servo(model, bench, plan, at * bench.steps, count * bench.steps)
-        states, sensors = roll(model, [state], control[None], threads=1)
+        states, sensors = roll([model], [state], control[None], threads=1)
         state = states[0, -1]
         speed = np.abs(states[0, :, 1 + model.nq + int(model.joint("azimuth").dofadr[0])])
         driven = (control[:, model.actuator("servo_rate").id] != 0).reshape(count, -1).any(axis=1)
@@ -106,7 +107,7 @@ def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) 
             )
     # Sensors are one step old: two steps more give the end and the instant after it.
     _, after = roll(
-        model, [state], _servo(model, bench, plan, at * bench.steps, 2)[None], threads=1
+        [model], [state], _servo(model, bench, plan, at * bench.steps, 2)[None], threads=1
     )
     sensors = np.concatenate([parts[0][:1], *parts, after[0]])
     return Stretch(first, at - first, _poses(model, sensors), np.concatenate(stages))
@@ -153,20 +154,23 @@ def execute_swaying(
     bench: Bench,
     gravity: float,
     plans: Sequence[Plan],
+    levels: Sequence[np.ndarray],
     forces: Sequence[np.ndarray],
     threads: int,
 ) -> list[Executed]:
     """Several recordings on a base that these forces sway, on so many threads. No number depends
     on how many there are of either.
 
-    forces : (steps, 6) each, on the joints of `sim.sway.JOINTS`, from `lead_steps` before the
-    recording to two steps after it.
+    levels : (3, 3) each, how the table stands in the vehicle, forward-right-down; forces :
+    (steps, 6) each, on the joints of `sim.sway.JOINTS`, from `lead_steps` before the recording to
+    two steps after it.
     """
     model = load(bench.scene, gravity)
+    models = [_standing(model, level) for level in levels]
     lead, total = lead_steps(bench), len(forces[0])
     rigid = replace(bench, scene=replace(bench.scene, sway=SwayConfig()))
     still = [execute(rigid, gravity, p) for p in plans]
-    states = [_state(model, p.start) for p in plans]
+    states = [_pressed(own, p.start, f[0]) for own, p, f in zip(models, plans, forces, strict=True)]
     motors = [model.actuator(name).id for name in JOINTS]
     size = round(_BLOCK_S * bench.scene.physics_hz)
     parts: list[list[Poses]] = [[] for _ in plans]
@@ -175,7 +179,7 @@ def execute_swaying(
         count = min(size, total - begin)
         control = np.stack([_servo(model, bench, p, begin - lead, count) for p in plans])
         control[:, :, motors] = [f[begin : begin + count] for f in forces]
-        after, sensors = roll(model, states, control, threads)
+        after, sensors = roll(models, states, control, threads)
         states = list(after[:, -1])
         for own, sensed in zip(parts, sensors, strict=True):
             own.append(_poses(model, sensed[max(lead - 1 - begin, 0) :]))
@@ -191,21 +195,42 @@ def execute_swaying(
     ]
 
 
+def _standing(model: mujoco.MjModel, level: np.ndarray) -> mujoco.MjModel:
+    """The model with its table standing so in the vehicle."""
+    own = copy.copy(model)
+    turned = NED_FROM_NWU @ level @ NED_FROM_NWU
+    mujoco.mju_mat2Quat(own.body("base").quat, turned.ravel())
+    return own
+
+
+def _pressed(model: mujoco.MjModel, angle: float, forces: np.ndarray) -> np.ndarray:
+    """The state in which the springs hold these forces (6,), at rest: loads last for minutes."""
+    data = mujoco.MjData(model)
+    for name, force in zip(JOINTS, forces, strict=True):
+        data.joint(name).qpos[0] = force / model.joint(name).stiffness[0]
+    data.joint("azimuth").qpos[0] = angle
+    return _taken(model, data)
+
+
 def lead_steps(bench: Bench) -> int:
     """Physics steps that a swaying base takes before a recording starts."""
     return round(_SWAY_LEAD_S * bench.scene.physics_hz)
 
 
 def roll(
-    model: mujoco.MjModel, states: Sequence[np.ndarray], control: np.ndarray, threads: int
+    models: Sequence[mujoco.MjModel],
+    states: Sequence[np.ndarray],
+    control: np.ndarray,
+    threads: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """MuJoCo's rollout: from each state (s,) under control (r, n, nu), on so many threads.
+    """MuJoCo's rollout: each model from its state (s,) under control (r, n, nu), on so many
+    threads.
 
     Returns the states after each step (r, n, s) and the sensors before it (r, n, sensors): MuJoCo
     senses, then steps.
     """
-    pool = [mujoco.MjData(model) for _ in range(min(threads, len(states)))]
-    return rollout.rollout(model, pool, np.stack(states), np.ascontiguousarray(control))
+    pool = [mujoco.MjData(models[0]) for _ in range(min(threads, len(states)))]
+    return rollout.rollout(list(models), pool, np.stack(states), np.ascontiguousarray(control))
 
 
 def _servo(model: mujoco.MjModel, bench: Bench, plan: Plan, first: int, count: int) -> np.ndarray:
@@ -222,6 +247,10 @@ def _state(model: mujoco.MjModel, angle: float) -> np.ndarray:
     """At rest with the plate at this angle."""
     data = mujoco.MjData(model)
     data.joint("azimuth").qpos[0] = angle
+    return _taken(model, data)
+
+
+def _taken(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)

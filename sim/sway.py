@@ -11,12 +11,12 @@ agitation, noise that comes and goes with the activity, and w the wind, always t
 answers as suspensions do: with tilts that stay, and with ringing.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.signal
 
-from lbgc.errors import require, require_not_negative, require_positive
+from lbgc.errors import Spread, require, require_not_negative, require_positive, require_spread
 
 JOINTS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The vehicle's joints and motors by name: moves forward, right, down and turns about these."""
@@ -27,15 +27,15 @@ _BURN_IN = 8  # cycles of quiet and spell before the recording starts
 
 @dataclass(frozen=True)
 class SwayConfig:
-    """A vehicle on its suspension. Lists of six go by joint: surge, sway, heave (a frequency; a
+    """A vehicle on its suspension. Figures of six go by joint: surge, sway, heave (a frequency; a
     force in N), roll, pitch, yaw (a moment in N m)."""
 
-    level: float | list[float] = 0.0
+    level: Spread = 0.0
     """Scales every force; 0: nothing sways, and the joints are not there. [low, high]: drawn
     uniformly for each recording."""
     mass_kg: float = 2000.0
     """Of the vehicle, without the table."""
-    inertia_kg_m2: list[float] = field(default_factory=lambda: [740.0, 2600.0, 3200.0])
+    inertia_kg_m2: tuple[float, ...] = (740.0, 2600.0, 3200.0)
     """About its centre of mass: roll, pitch, yaw."""
     com_height_m: float = 0.19
     """Of that centre above the floor that the table stands on."""
@@ -45,21 +45,19 @@ class SwayConfig:
     """Of the axis about which it pitches."""
     roll_axis_slope_deg: float = 3.7
     """How far the roll axis points down in front."""
-    frequency_hz: list[float] = field(default_factory=lambda: [2.3, 3.26, 3.6, 2.29, 2.62, 2.97])
+    frequency_hz: tuple[float, ...] = (2.3, 3.26, 3.6, 2.29, 2.62, 2.97)
     """Natural, of each joint with the others held."""
-    damping_ratio: list[float] = field(
-        default_factory=lambda: [0.35, 0.008, 0.068, 0.2, 0.02, 0.15]
-    )
+    damping_ratio: tuple[float, ...] = (0.35, 0.008, 0.068, 0.2, 0.02, 0.15)
     """Likewise."""
     load_n: float = 590.0
     """The people's weight as it moves, 1 sigma over a long time: what presses on the springs."""
-    load_nm: list[float] = field(default_factory=lambda: [472.0, 943.0])
+    load_nm: tuple[float, ...] = (472.0, 943.0)
     """Its moments about the roll and the pitch axis, likewise, as people move about."""
     load_forward_m: float = 0.66
     """Where they mostly sit: so far in front of the springs' middle, weight also pitches."""
-    load_s: list[float] = field(default_factory=lambda: [5.0, 4.0, 7.0])
+    load_s: tuple[float, ...] = (5.0, 4.0, 7.0)
     """Time, while people move, in which weight and the two moments forget where they were."""
-    move_s: list[float] = field(default_factory=lambda: [0.11, 0.15, 3.1])
+    move_s: tuple[float, ...] = (0.11, 0.15, 3.1)
     """Time constant, twice, of one move: people come and cross in a step, and walk along."""
     agitation_n: float = 16.0
     """Rms of the forces that shake surge, sway and heave while people move."""
@@ -85,11 +83,9 @@ class SwayConfig:
     """Of a spell's activity about 1: 1 sigma of its logarithm."""
 
     def __post_init__(self) -> None:
-        levels = np.ravel(self.level)
-        good = 1 <= len(levels) <= 2 and 0 <= levels[0] <= levels[-1]
-        require(good, "level", self.level, "must be 0 or more, or [low, high]")
+        require_spread(self, "level")
         for name, value in vars(self).items():
-            if name != "level" and isinstance(value, list):
+            if name != "level" and isinstance(value, tuple):
                 n = _SIZES.get(name, len(JOINTS))
                 require(len(value) == n, name, value, f"must be {n} numbers")
         for name in ("inertia_kg_m2", "frequency_hz", "load_s", "move_s"):
@@ -103,23 +99,10 @@ class SwayConfig:
         bodily = sum(others) >= largest
         require(bodily, "inertia_kg_m2", self.inertia_kg_m2, "has one above the others' sum")
 
-    def __hash__(self) -> int:  # lists have none; models are kept by their configuration
-        return hash(repr(self))
-
-    @property
-    def level_range(self) -> tuple[float, float]:
-        values = np.ravel(self.level)
-        return float(values[0]), float(values[-1])
-
     @property
     def present(self) -> bool:
         """Whether anything sways."""
-        return self.level_range[1] > 0
-
-
-def draw_level(config: SwayConfig, rng: np.random.Generator) -> float:
-    """A recording's level."""
-    return float(rng.uniform(*config.level_range))
+        return self.level != 0.0
 
 
 def forces(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:

@@ -15,7 +15,7 @@ from sim.disturbance import (
     MooredConfig,
     TiltingConfig,
     VibrationConfig,
-    drawn,
+    pick,
 )
 
 VIBRATION = VibrationConfig(
@@ -136,8 +136,8 @@ def test_a_range_is_drawn_from_and_recorded():
 
 def test_one_number_is_drawn_whatever_the_range():
     a, b = generator(), generator()
-    assert drawn(a, 3.0) == 3.0
-    assert 1 <= drawn(b, (1.0, 2.0)) <= 2
+    assert pick(a, 3.0) == 3.0
+    assert 1 <= pick(b, (1.0, 2.0)) <= 2
     assert a.random() == b.random()
 
 

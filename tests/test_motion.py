@@ -93,9 +93,9 @@ def test_rests_cost_no_physics_beyond_one_slew():
     stepped = []
     roll = physics.roll
 
-    def counted(model, states, control, threads):
+    def counted(models, states, control, threads):
         stepped.append(control.shape[1])
-        return roll(model, states, control, threads)
+        return roll(models, states, control, threads)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(physics, "roll", counted)
@@ -379,6 +379,20 @@ def test_a_sway_of_nothing_is_a_rigid_base():
     np.testing.assert_allclose(swaying.plate_angle, rigid.plate_angle, atol=1e-4)
     np.testing.assert_array_equal(swaying.stage, rigid.stage)
     assert wrap(swaying.heading - rigid.heading) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_table_stands_in_the_vehicle_as_on_the_ground():
+    """A sway of nothing, the table tilted: the tilt inside the physics or laid on afterwards."""
+    level = {"base_roll_deg": 0.5, "base_pitch_deg": -0.8}
+    planned = plan(ProtocolConfig(kind="static"), 0, 1.0)
+    swaying, rigid = (
+        truth(Bench(scene, 100.0, 100), planned, 0.5, replace(drawn(scene, 0.7), sway_level=0.0))
+        for scene in (SceneConfig(**level, sway=SwayConfig(level=1.0)), SceneConfig(**level))
+    )
+    np.testing.assert_allclose(swaying.omega_ib_b, np.tile(rigid.omega_ib_b, 100), atol=1e-12)
+    np.testing.assert_allclose(swaying.f_ib_b, np.tile(rigid.f_ib_b, 100), atol=1e-8)
+    for name in ("heading", "heading_control", "roll", "pitch"):
+        assert getattr(swaying, name) == pytest.approx(getattr(rigid, name), abs=1e-12)
 
 
 def test_no_number_depends_on_threads_or_company():
