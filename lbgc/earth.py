@@ -9,6 +9,9 @@ EARTH_RATE = 7.292115e-5
 _GRAVITY_EQUATOR = 9.7803253359
 _SOMIGLIANA_K = 0.00193185265241
 _ECCENTRICITY_SQUARED = 0.00669437999014
+_EQUATORIAL_RADIUS = 6378137.0
+_FLATTENING = 1 / 298.257223563
+_CENTRIFUGAL_SHARE = 3.449786506841e-3  # omega^2 R0^2 RP/mu
 
 
 def earth_rate_ned(latitude: float | np.ndarray) -> np.ndarray:
@@ -20,15 +23,16 @@ def earth_rate_ned(latitude: float | np.ndarray) -> np.ndarray:
     return EARTH_RATE * np.stack([np.cos(lat), np.zeros_like(lat), -np.sin(lat)], axis=-1)
 
 
-def normal_gravity(latitude: float) -> float:
-    """WGS-84 normal gravity on the ellipsoid, m/s^2: down, Earth's centrifugal part included.
+def normal_gravity(latitude: float, height: float = 0.0) -> float:
+    """WGS-84 normal gravity, m/s^2: down, Earth's centrifugal part included.
 
-    latitude : rad.
+    latitude : rad; height : m above the ellipsoid (Groves 2013, eqs. 2.134 and 2.139).
     """
     s2 = np.sin(latitude) ** 2
-    return float(
-        _GRAVITY_EQUATOR * (1 + _SOMIGLIANA_K * s2) / np.sqrt(1 - _ECCENTRICITY_SQUARED * s2)
-    )
+    surface = _GRAVITY_EQUATOR * (1 + _SOMIGLIANA_K * s2) / np.sqrt(1 - _ECCENTRICITY_SQUARED * s2)
+    slope = 1 + _FLATTENING * (1 - 2 * s2) + _CENTRIFUGAL_SHARE
+    h = height / _EQUATORIAL_RADIUS
+    return float(surface * (1 - 2 * slope * h + 3 * h**2))
 
 
 def heading_exists(latitude: float | np.ndarray) -> np.ndarray:

@@ -41,6 +41,8 @@ class GenerateConfig:
 
     latitude: float = 32.76
     """degrees, north positive"""
+    height_m: float = 0.0
+    """Above the ellipsoid: gravity is less up there."""
     rate_hz: float = 600.0
     """Samples a second of the IMU."""
     duration_s: float = 240.0
@@ -71,6 +73,9 @@ class GenerateConfig:
 
     def __post_init__(self) -> None:
         require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+        low, high = -12_000.0, 100_000.0
+        where = f"must be from {low:g} to {high:g}"
+        require(low <= self.height_m <= high, "height_m", self.height_m, where)
         require_positive("rate_hz", self.rate_hz)
         require_positive("duration_s", self.duration_s)
         require_positive("mean_s", self.mean_s)
@@ -179,7 +184,9 @@ def main(config: GenerateConfig) -> Path:
     if config.output == "means":
         fastest = EARTH_RATE + max((move.rate for move in planned.moves), default=0.0)
         sensor.gyro.check_means("imu.gyro", 1 / config.rate_hz, fastest)
-        sensor.accel.check_means("imu.accel", 1 / config.rate_hz, normal_gravity(latitude))
+        sensor.accel.check_means(
+            "imu.accel", 1 / config.rate_hz, normal_gravity(latitude, config.height_m)
+        )
     if not heading_exists(latitude):
         print(
             f"warning: at latitude {config.latitude:g} heading does not exist; the labels say only "
@@ -253,7 +260,8 @@ def _recordings(
         )
         for i, planned, own in zip(rows, plans, labels, strict=True)
     ]
-    truths = motion.truths(config.bench, plans, latitude, draws, threads=os.cpu_count() or 1)
+    threads = os.cpu_count() or 1
+    truths = motion.truths(config.bench, plans, latitude, draws, threads, config.height_m)
     for i, truth, drawn, own in zip(rows, truths, draws, labels, strict=True):
         reference_error = np.deg2rad(config.scene.reference_error_deg) * own.standard_normal()
         values = _measured(config, sensor, i, truth) | _moved(config, truth, drawn)

@@ -46,11 +46,13 @@ class Draw:
 
 
 def draw(scene: SceneConfig, azimuth: float, rng: np.random.Generator, duration_s: float) -> Draw:
-    """From the recording's own stream, which nothing else draws from."""
+    """From the recording's own stream, which nothing else draws from. azimuth : rad, of the base
+    where the scene does not fix it."""
     base, floor, level, forces = rng.spawn(4)
     roll, pitch = scene.level_error_deg * base.standard_normal(2)
+    fixed = scene.base_azimuth_deg
     return Draw(
-        azimuth=azimuth,
+        azimuth=azimuth if fixed is None else float(np.deg2rad(fixed)),
         roll=float(np.deg2rad(scene.base_roll_deg + roll)),
         pitch=float(np.deg2rad(scene.base_pitch_deg + pitch)),
         floor=scene.floor.draw(floor, duration_s),
@@ -100,9 +102,12 @@ def truths(
     latitude: float,
     draws: Sequence[Draw],
     threads: int = 1,
+    height: float = 0.0,
 ) -> Iterator[Truth]:
-    """The same for several recordings, which share so many threads where the base sways."""
-    gravity = normal_gravity(latitude)
+    """The same for several recordings, which share so many threads where the base sways.
+
+    height : m, above the ellipsoid."""
+    gravity = normal_gravity(latitude, height)
     for drawn, executed in _executed(bench, gravity, plans, draws, threads):
         if bench.scene.sway.present or any(drawn.floor.moving):
             felt, attitude = _on_moving_floor(executed, drawn)

@@ -52,6 +52,8 @@ class SceneConfig:
     like grease, half as viscous as that damping."""
     arm_m: float = 0.27
     """From the plate's axis to either module."""
+    base_azimuth_deg: float | None = None
+    """Where the base points; null: each recording draws its own, as its protocol has it."""
     base_roll_deg: float = 0.0
     """How the base stands, forward axis north: z-y-x angles, yaw being its azimuth."""
     base_pitch_deg: float = 0.0

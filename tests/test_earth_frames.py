@@ -55,3 +55,11 @@ def test_normal_gravity_is_wgs84s(latitude_deg, gravity):
 def test_heading_exists_everywhere_but_at_the_poles():
     latitudes = np.deg2rad([0.0, 89.99, -89.99, 90.0, -90.0])
     np.testing.assert_array_equal(heading_exists(latitudes), [1, 1, 1, 0, 0])
+
+
+def test_gravity_falls_off_with_height():
+    """3.086 um/s^2 a metre at the surface (the free-air gradient), 0.3% less by its curvature at
+    10 km: (1 + h/R)^-2."""
+    at = [normal_gravity(0.8, h) for h in (0.0, 1.0, 10_000.0)]
+    assert at[0] - at[1] == pytest.approx(3.086e-6, rel=2e-3)
+    assert at[2] / at[0] == pytest.approx((1 + 1.0e4 / 6.37e6) ** -2, rel=2e-5)

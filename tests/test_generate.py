@@ -137,6 +137,7 @@ def test_biases_live_as_long_as_they_should():
 
 CHANGED = {
     "latitude": 40.0,
+    "height_m": 1000.0,
     "rate_hz": 100.0,
     "duration_s": 10.0,
     "recordings": 21,
@@ -299,6 +300,7 @@ def test_at_the_pole_generation_warns(cli):
     ("override", "says"),
     [
         ("latitude=91", "latitude = 91.0 deg: must be from -90 to 90"),
+        ("height_m=1e6", "height_m = 1000000.0 m: must be from -12000 to 100000"),
         ("latitude=nan", "latitude = nan deg: must be a finite number"),
         ("imu=nonesuch", "\tideal\n"),
         ("imu.gyro.arw=3", "key = imu.gyro.arw: choose from arw_deg_per_sqrt_h"),

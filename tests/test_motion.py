@@ -423,6 +423,7 @@ def test_a_swaying_base_moves_everything_and_is_bounded():
 
 
 CHANGED = {
+    "base_azimuth_deg": 30.0,
     "base_roll_deg": 1.0,
     "base_pitch_deg": 1.0,
     "level_error_deg": 0.1,

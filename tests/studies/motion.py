@@ -16,12 +16,19 @@ import closed_form
 import numpy as np
 import yaml
 from common import Report
-from helpers import default_config
+from helpers import REAL_LOGS, composed, default_config
+from matplotlib.figure import Figure
+from tqdm import tqdm
+from vehicle_likeness import BANDS_HZ, FIGURES, WINDOWS_S, band_psd, likeness
 
 import sim.generate
+from lbgc.data import logs
+from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
+from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import wrap
 from lbgc.protocol import REST, SLEW, ProtocolConfig, plan
+from lbgc.report.figures import AXIS_NAMES
 from lbgc.sensor import streams
 from sim import motion, physics
 from sim.poses import Bench
@@ -168,8 +175,104 @@ def speed(report: Report) -> None:
         report.summary[key] = float(np.median(rates))
 
 
+def vehicle(report: Report) -> None:
+    """The vehicle scene's logs against the real one's first 600 s, counts and noise included."""
+    case = CASES["vehicle"]
+    if not (REAL_LOGS / "lasergyro.imu").exists():
+        report.line("vehicle: left out, no lasergyro.imu under $LBGC_REAL_LOGS")
+        return
+    log = composed(EvaluateConfig, "evaluate", "log=lasergyro").log
+    whole = next(logs.read(log))
+    n = round(case["seconds"] * whole.rate_hz)
+    real = replace(
+        whole, gyro=whole.gyro[:n], accel=whole.accel[:n], plate_angle=whole.plate_angle[:n]
+    )
+    count = case["logs"]
+    config = default_config(
+        *case["options"], f"recordings={count}", f"latitude={np.rad2deg(whole.latitude)}"
+    )
+    imu = config.imu
+    sensor = sim.generate._Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
+    scales = (t.output_scale(1 / config.rate_hz) or 1.0 for t in (sensor.gyro, sensor.accel))
+    gyro_scale, accel_scale = scales
+    simulated, headings = [], []
+    rows = sim.generate._recordings(config, sensor, range(count))
+    for i, row in enumerate(tqdm(rows, "swaying", count, leave=False)):
+        simulated.append(
+            replace(
+                real,
+                name=f"simulated {i}",
+                gyro=row["gyro"] * gyro_scale,
+                accel=row["accel"] * accel_scale,
+                heading=float(row["heading"]),
+            )
+        )
+        headings.append(float(row["heading"] + row["attitude"][:, 2].mean(dtype=float)))
+    assert whole.heading_reference is not None
+    like = likeness(real, whole.heading_reference, simulated, headings)
+    report.line()
+    report.line(
+        f"vehicle: {count} simulated logs of {case['seconds']} s against the real one's first"
+    )
+    report.line(
+        f"third-octave PSD within a factor of 2 in {like.within_2_percent:.1f}% of "
+        f"{like.psd_ratio.size} bands, of {like.worst_ratio:.2f} in all"
+    )
+    spread = " ".join(f"{r:.2f}" for r in like.spread_ratio)
+    report.line(f"spread of 60 s band power over the real one's, gyro and accelerometer: {spread}")
+    wide = like.high / like.low
+    for i, window in enumerate(WINDOWS_S):
+        figures = ", ".join(
+            f"{name} {like.real[i, j]:.1f} [{like.low[i, j]:.1f}, {like.high[i, j]:.1f}] "
+            f"x{wide[i, j]:.2f}"
+            for j, name in enumerate(FIGURES)
+        )
+        report.line(f"plain mean, {window:g} s: {figures}")
+    narrow = like.inside & (wide <= 3)
+    report.line(
+        f"inside the simulated 95% range: {like.inside.sum()} of {like.inside.size}, of which "
+        f"{narrow.sum()} with a range at most a factor of 3 wide"
+    )
+    report.summary |= {
+        "vehicle_psd_bands_within_2_percent": like.within_2_percent,
+        "vehicle_psd_ratio_max": like.worst_ratio,
+        "vehicle_spell_ratio": float(np.exp(np.abs(np.log(like.spread_ratio)).max())),
+        "vehicle_baseline_figures_inside_percent": float(100 * like.inside.mean()),
+        "vehicle_baseline_figures_inside_and_narrow_percent": float(100 * narrow.mean()),
+        "vehicle_baseline_range_widest": float(wide.max()),
+    }
+    picture(report, real, simulated)
+
+
+def picture(report: Report, real: Record, simulated: list[Record]) -> None:
+    """Spectra of all logs, and how the angles go in the real one and in four of the others."""
+    figure = Figure(figsize=(14, 9), layout="constrained")
+    axes = figure.subplots(3, 3)
+    middle = np.sqrt(BANDS_HZ[1:] * BANDS_HZ[:-1])
+    every = np.stack([band_psd(r) for r in simulated])
+    own = band_psd(real)
+    names = [f"{part} {axis}" for part in ("gyro", "accel") for axis in AXIS_NAMES]
+    for i, name in enumerate(names):
+        ax = axes[i // 3, i % 3]
+        ax.fill_between(middle, *np.percentile(every[:, :, i], [5, 95], axis=0), alpha=0.3)
+        ax.loglog(middle, every[:, :, i].mean(axis=0), label="simulated")
+        ax.loglog(middle, own[:, i], "k", label="real")
+        ax.set(title=name, xlabel="Hz")
+        ax.legend(fontsize="x-small")
+    for axis in range(3):
+        ax = axes[2, axis]
+        for place, record in enumerate([real, *simulated[:4]]):
+            rate = record.gyro[:, axis] - record.gyro[:, axis].mean()
+            angle = np.rad2deg(np.cumsum(rate) / record.rate_hz) * 3600
+            t = np.arange(len(angle)) / record.rate_hz
+            ax.plot(t, angle - 3000 * place, "k" if place == 0 else "C0", linewidth=0.7)
+        ax.set(title=f"angle {AXIS_NAMES[axis]}, arcsec; black: real", xlabel="s")
+    figure.savefig(report.directory / "vehicle.png", dpi=90)
+
+
 if __name__ == "__main__":
     with Report("studies/motion") as study:
         truth_and_closed_form(study)
         bias_leak(study)
         speed(study)
+        vehicle(study)

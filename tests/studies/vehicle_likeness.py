@@ -12,7 +12,6 @@ import scipy.signal
 from lbgc.data.record import Record
 from lbgc.data.windows import Windows
 from lbgc.estimators.static import mean
-from lbgc.frames import rotation_z
 from lbgc.metrics import heading_errors
 
 BANDS_HZ = np.r_[0.05 * 2.0 ** (np.arange(23) / 3), 10.0]
@@ -20,7 +19,7 @@ BANDS_HZ = np.r_[0.05 * 2.0 ** (np.arange(23) / 3), 10.0]
 SPELL_BAND_HZ, SPELL_BLOCK_S = (0.05, 2.0), 60.0
 WINDOWS_S = (30.0, 60.0, 120.0)
 FIGURES = ("median", "p75", "p90", "rmse")
-ANGLES, EVERY_S = 36, 10.0
+EVERY_S = 10.0
 
 
 def six_axes(record: Record) -> np.ndarray:
@@ -53,27 +52,21 @@ def spell_spread(powers: np.ndarray) -> np.ndarray:
 def baseline_figures(record: Record, truth: float) -> np.ndarray:
     """Of the plain mean's |heading error|, deg: (windows, figures), by WINDOWS_S and FIGURES.
 
-    truth : rad, heading. Windows start every 10 s, and each is turned about the body's z axis
-    through 36 angles: its heading turns along.
+    truth : rad, heading. Windows start every 10 s. (Turning them about the body's z axis would add
+    nothing: the answer turns along, and the error stays.)
     """
-    turns = np.arange(ANGLES) * 2 * np.pi / ANGLES
-    matrices = rotation_z(turns)  # components in a body turned by +angle: C' v
     sums = np.cumsum(np.r_[np.zeros((1, 6)), six_axes(record)], axis=0)
     table = []
     for window in WINDOWS_S:
         size, every = round(window * record.rate_hz), round(EVERY_S * record.rate_hz)
         start = np.arange(0, len(record.gyro) - size + 1, every)
-        means = (sums[start + size] - sums[start]) / size
-        gyro, accel = (
-            np.einsum("aji,wj->wai", matrices, m).reshape(-1, 1, 3)
-            for m in (means[:, :3], means[:, 3:])
-        )
-        n = len(gyro)
+        means = ((sums[start + size] - sums[start]) / size)[:, None]
+        n = len(start)
         windows = Windows(
-            gyro, accel, np.zeros((n, 1)), 1 / window, *np.full((3, n), np.nan), np.zeros(n)
-        )
-        turned_truth = np.tile(truth + turns, len(start))
-        error = np.abs(np.rad2deg(heading_errors(mean(windows), turned_truth)))
+            means[..., :3], means[..., 3:], np.zeros((n, 1)), 1 / window,
+            *np.full((3, n), np.nan), np.zeros(n),
+        )  # fmt: skip
+        error = np.abs(np.rad2deg(heading_errors(mean(windows), np.full(n, truth))))
         table.append([*np.percentile(error, [50, 75, 90]), np.sqrt(np.mean(error**2))])
     return np.array(table)
 
