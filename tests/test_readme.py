@@ -12,7 +12,8 @@ from helpers import REAL_LOGS, ROOT
 
 README = (ROOT / "README.md").read_text()
 SMALLER = {
-    "sim/generate.py": ["recordings=10", "duration_s=20"],
+    "sim/generate.py": ["recordings=10", "duration_s=30"],
+    "sim/scene.py": ["width=160", "height=48", "duration_s=12"],
     "lbgc/train.py": ["steps=2", "validate_every=1", "windows_s=[10]", "batch=4"],
     "lbgc/evaluate.py": ["windows_s=[10]"],
     "lbgc/fit.py": [],
@@ -67,8 +68,11 @@ def test_the_command_runs(command, home):
         script = words[1]
         words = [sys.executable, str(ROOT / script), *words[2:], *SMALLER[script]]
         where = home
-    environment = os.environ | {"MUJOCO_GL": "disable"}
+    renders = "sim/scene.py" in command
+    environment = dict(os.environ) if renders else os.environ | {"MUJOCO_GL": "disable"}
     done = subprocess.run(words, cwd=where, capture_output=True, text=True, env=environment)
+    if renders and "cannot render here" in done.stderr:
+        pytest.skip("needs OpenGL without a display, as the README says")
     assert done.returncode == 0, done.stderr
 
 
