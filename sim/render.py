@@ -154,7 +154,9 @@ def look_round(config: ViewConfig) -> None:
     data = mujoco.MjData(model)
     bench = Bench(config.scene, _RATE_HZ, round(config.duration_s * _RATE_HZ))
     executed = execute(bench, 9.8, config.plan)
-    with mujoco.viewer.launch_passive(model, data) as window:
+    with mujoco.viewer.launch_passive(
+        model, data, show_left_ui=False, show_right_ui=False
+    ) as window:
         started = time.monotonic()
         while window.is_running():
             now = (time.monotonic() - started) % config.duration_s
