@@ -49,9 +49,9 @@ class SwayConfig:
     """Natural, of each joint with the others held."""
     damping_ratio: tuple[float, ...] = (0.35, 0.008, 0.068, 0.2, 0.02, 0.15)
     """Likewise."""
-    load_n: float = 590.0
+    load_n: float = 614.0
     """The people's weight as it moves, 1 sigma over a long time: what presses on the springs."""
-    load_nm: tuple[float, ...] = (472.0, 943.0)
+    load_nm: tuple[float, ...] = (491.0, 981.0)
     """Its moments about the roll and the pitch axis, likewise, as people move about."""
     load_forward_m: float = 0.66
     """Where they mostly sit: so far in front of the springs' middle, weight also pitches."""
