@@ -93,7 +93,7 @@ def test_allan_variance_follows_from_the_psd(term, tau):
     x = np.concatenate([np.geomspace(1e-9, 1e-3, 20001)[:-1], np.linspace(1e-3, top, 6_000_001)])
     f = x / (np.pi * tau)
     integral = np.trapezoid(term.psd(f) * np.sin(x) ** 4 / x**2, f)
-    slope = {White: 0, BandLimited: 4}.get(type(term), 2)
+    slope = {White: 0, BandLimited: 4, Line: 4}.get(type(term), 2)
     tail = term.psd(f[-1:])[0] * 3 / 8 / x[-1] / (1 + slope) / (np.pi * tau)
     np.testing.assert_allclose(4 * (integral + tail), term.allan_variance(tau), rtol=2e-5)
 
@@ -204,12 +204,15 @@ def test_a_ramp_is_exact_in_every_realisation(rng):
     np.testing.assert_allclose(ramp.covariance_of_means(40, dt, 10), means.T @ means)
 
 
-def test_a_wide_line_is_a_gauss_markov_process_at_frequency_zero():
-    line, process = Line(0.8, 0.0, 1 / (2 * np.pi)), GaussMarkov(0.8, 2.0)
+def test_a_line_at_frequency_zero_is_band_limited_noise():
+    """Of half its width, and of the white noise that gives its variance, N^2 w0/(2 sqrt 2)."""
+    line = Line(0.8, 0.0, 1.2)
+    low_pass = BandLimited(0.8 * np.sqrt(2 * np.sqrt(2) / (2 * np.pi * 0.6)), 0.6)
     tau = np.geomspace(0.01, 100, 30)
-    np.testing.assert_allclose(line.allan_variance(tau), process.allan_variance(tau), rtol=1e-7)
+    np.testing.assert_allclose(line.allan_variance(tau), low_pass.allan_variance(tau), rtol=1e-7)
+    np.testing.assert_allclose(line.psd(tau), low_pass.psd(tau), rtol=1e-9)
     np.testing.assert_allclose(
-        line.covariance_of_means(5, 0.7), process.covariance_of_means(5, 0.7), rtol=1e-9
+        line.covariance_of_means(5, 0.7), low_pass.covariance_of_means(5, 0.7), rtol=1e-9
     )
 
 

@@ -138,13 +138,14 @@ class GaussMarkov(GaussianTerm):
 
 @dataclass(frozen=True)
 class Line(GaussianTerm):
-    """A narrow-band line: a damped resonance driven by white noise, as real lines wander.
+    """A line that wanders: band-limited noise moved to f0, so with a flat top and steep flanks.
 
-    The real part of z, dz = (-g + 2 pi i f0) z dt + noise, with a stationary start: covariance
-    sigma^2 e^(-g|t|) cos(2 pi f0 t), g = pi x width. PSD sigma^2 (g/(g^2 + (w - w0)^2)
-    + g/(g^2 + (w + w0)^2)), half its peak at f0 +- width/2. With l = -g + i w0 the variance of its
-    mean over tau is V = 2 sigma^2 Re((e^(l tau) - 1 - l tau)/(l tau)^2), and the Allan variance
-    2 (V(tau) - V(2 tau)).
+    The real part of z e^(i w0 t), z the complex output of a Butterworth low-pass (see BandLimited)
+    of half the width. A vibration's power lies where its frequency goes and nowhere else; a damped
+    resonance, whose flanks fall as the square of the distance, would lay a skirt around it that
+    spectra of real lines do not show. With g = pi x width, a = g/sqrt 2 and a stationary start:
+    covariance sigma^2 e^(-a|t|) (cos at + sin a|t|) cos w0 t; PSD sigma^2 sqrt 2/g times
+    1/(1 + ((w - w0)/g)^4) + 1/(1 + ((w + w0)/g)^4), half its peak at f0 +- width/2.
     """
 
     sigma: float
@@ -156,17 +157,36 @@ class Line(GaussianTerm):
 
     def means_model(self, interval: float) -> MeansModel:
         g, w = np.pi * self.width, 2 * np.pi * self.f0
-        F = np.array([[-g, -w], [w, -g]])
-        variance = self.sigma**2 * np.eye(2)
-        return sde_means_model(F, 2 * g * variance, np.array([1.0, 0.0]), variance, interval)
+        # of the low-pass's output and its rate over g, real and imaginary, turning at w0
+        low_pass = g * np.array([[0.0, 1.0], [-1.0, -2 * BUTTERWORTH]])
+        turn = np.array([[0.0, -w], [w, 0.0]])
+        F = np.kron(np.eye(2), low_pass) + np.kron(turn, np.eye(2))
+        variance = self.sigma**2 * np.eye(4)
+        diffusion = 4 * BUTTERWORTH * g * variance * np.diag([0.0, 1.0, 0.0, 1.0])
+        return sde_means_model(F, diffusion, np.array([1.0, 0, 0, 0]), variance, interval)
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
-        rate = complex(-np.pi * self.width, 2 * np.pi * self.f0)
-        return self.sigma**2 * _exponential_allan(rate, 1.0, tau)
+        a, w = np.pi * self.width * BUTTERWORTH, 2 * np.pi * self.f0
+        each = [_exponential_allan(a * (1j - 1) + 1j * turn, 1 - 1j, tau) for turn in (w, -w)]
+        return self.sigma**2 / 2 * (each[0] + each[1])
 
     def psd(self, f: np.ndarray) -> np.ndarray:
-        g, w, w0 = np.pi * self.width, 2 * np.pi * np.asarray(f, dtype=float), 2 * np.pi * self.f0
-        return self.sigma**2 * (g / (g**2 + (w - w0) ** 2) + g / (g**2 + (w + w0) ** 2))
+        g, f = np.pi * self.width, np.asarray(f, dtype=float)
+        x, y = (2 * (f - self.f0) / self.width) ** 2, (2 * (f + self.f0) / self.width) ** 2
+        return self.sigma**2 * np.sqrt(2) / g * (1 / (1 + x**2) + 1 / (1 + y**2))
+
+    def power_below(self, f: np.ndarray) -> np.ndarray:
+        """The integral of the PSD from 0 to f, both in Hz: sigma^2/2 in the end."""
+
+        def shape(x: np.ndarray) -> np.ndarray:
+            """int_0^x of sqrt 2/(pi (1 + t^4)) dt"""
+            r = np.sqrt(2) * x
+            ratio = np.log((x**2 + r + 1) / (x**2 - r + 1)) / 2
+            return (ratio + np.arctan(r + 1) + np.arctan(r - 1)) / (2 * np.pi)
+
+        f = np.asarray(f, dtype=float)
+        x, y = 2 * (f - self.f0) / self.width, 2 * (f + self.f0) / self.width
+        return self.sigma**2 / 2 * (shape(x) + shape(y))
 
 
 @dataclass(frozen=True)
