@@ -31,9 +31,9 @@ KEYS = {
     "ramp": ("ramp_deg_per_h_per_h", "ramp_ug_per_h"),
     "GM_sigma": ("gauss_markov_deg_per_h", "gauss_markov_ug"),
     "GM_T": ("gauss_markov_s", "gauss_markov_s"),
-    "line_sigma": ("line_deg_per_h", "line_ug"),
-    "line_f0": ("line_hz", "line_hz"),
-    "line_width": ("line_width_hz", "line_width_hz"),
+    "line_sigma": ("deg_per_h", "ug"),
+    "line_f0": ("hz", "hz"),
+    "line_width": ("width_hz", "width_hz"),
     "bandwidth": ("bandwidth_hz", "bandwidth_hz"),
     "damping": ("filter_damping", "filter_damping"),
     "tone": ("tone_deg_per_h", "tone_ug"),
@@ -208,8 +208,8 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
         for axis, fit in zip(AXES, fits[part], strict=True):
             lines.append(f"{part} {axis}")
             for name, e in every_estimate(fit).items():
-                key = KEYS[name][which]
-                lines.append(f"  {WORDS[name]:30s} {_spelled(e, key)}")
+                plain = _unnumbered(name)
+                lines.append(f"  {WORDS[plain]:30s} {_spelled(e, KEYS[plain][which])}")
             for tone in fit.tones:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
@@ -250,7 +250,9 @@ def sensor_yaml(
             f"  flicker_long_s: {config.flicker_long_s:g}",
         ]
         for name in KEYS:
-            lines += _yaml_line(name, which, fits[part])
+            if not name.startswith("line_"):
+                lines += _yaml_line(name, which, fits[part])
+        lines += _yaml_of_lines(which, fits[part])
         if part == "gyro" and calibration is not None:
             lines += _bias_lines(calibration)
     return "\n".join(lines) + "\n"
@@ -266,12 +268,19 @@ def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
         values = [0.0 if t is None else t.amplitude / scale for t in largest]
         if name == "tone_f":
             values = [1.0 if t is None else t.f for t in largest]
-        return [f"  {key}: [{', '.join(f'{v:.6g}' for v in values)}]"]
+        return [f"  {key}: [{', '.join(map(_number, values))}]"]
     found = [every_estimate(f).get(name) for f in fits]
     if not any(found):
         return []
-    shapes = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "damping": 1.0}
-    neutral = shapes.get(name, 0.0)  # of an axis that has no such part
+    return [_figures(f"  {key}", name, found, scale)]
+
+
+_NEUTRAL = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "damping": 1.0}
+
+
+def _figures(start: str, name: str, found: list[Estimate | None], scale: float) -> str:
+    """`key: [x, y, z]  # intervals`; an axis that has no such part has a neutral figure."""
+    neutral = _NEUTRAL.get(name, 0.0)
     told = [neutral if e is None else 0.0 if e.is_limit else e.value / scale for e in found]
     ranges = [
         "-" if e is None
@@ -279,7 +288,35 @@ def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
         else f"{e.low / scale:.3g}..{e.high / scale:.3g}"
         for e in found
     ]  # fmt: skip
-    return [f"  {key}: [{', '.join(f'{v:.6g}' for v in told)}]  # {', '.join(ranges)}"]
+    return f"{start}: [{', '.join(map(_number, told))}]  # {', '.join(ranges)}"
+
+
+def _number(value: float) -> str:
+    """Six digits, as every YAML reader takes them: 1.0e-05, since 1e-05 is a text to some."""
+    text = f"{value:.6g}"
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _yaml_of_lines(which: int, fits: list[Fit]) -> list[str]:
+    """Every axis's lines, the first ones of each together, and so on."""
+    own = [[n for n in every_estimate(f) if n.startswith("line_sigma")] for f in fits]
+    out = []
+    for k in range(max(map(len, own))):
+        for name in ("line_sigma", "line_f0", "line_width"):
+            found = [
+                every_estimate(fit).get(names[k].replace("line_sigma", name)) if k < len(names)
+                else None
+                for fit, names in zip(fits, own, strict=True)
+            ]  # fmt: skip
+            key = KEYS[name][which]
+            start = f"    {'- ' if name == 'line_sigma' else '  '}{key}"
+            out.append(_figures(start, name, found, _scale(key)))
+    return ["  lines:", *out] if out else []
+
+
+def _unnumbered(name: str) -> str:
+    """A parameter's name without the number that tells a model's lines apart."""
+    return name.rstrip("_0123456789") if name not in KEYS else name
 
 
 def _scale(key: str) -> float:

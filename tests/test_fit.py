@@ -11,7 +11,7 @@ from test_logs import write
 
 import lbgc.fit
 from lbgc.errors import build
-from lbgc.fit import FitConfig
+from lbgc.fit import FitConfig, Static, sensor_yaml
 from lbgc.sensor import fitting, gaussian, likelihood
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.noise import (
@@ -106,11 +106,45 @@ def test_further_parts_are_found_where_they_are(rng):
     fit = fitting.choose(ordinates(series(terms, rng)[0], 0.01))
     e = fit.estimates
     assert e["bandwidth"].low < 15.0 < e["bandwidth"].high
-    assert e["line_f0"].low < 20.0 < e["line_f0"].high
+    f0 = e["line_f0"]
+    assert abs(f0.value - 20.0) < 4.5 * (f0.high - f0.low) / (2 * 1.96)
     assert e["line_sigma"].value == pytest.approx(2.0, rel=0.02)
     assert "Q" not in e
     plain = fitting.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
     assert set(plain.estimates) == {"N", "B", "K"}
+
+
+def test_a_lines_intervals_hold(rng):
+    """12 logs of ten minutes, four parameters each at 95%: fewer than 40 of 48 would be a chance of
+    one in five thousand."""
+    true = {"N": 1.0, "line_sigma": 2.0, "line_f0": 20.0, "line_width": 1.5}
+    held = 0
+    for y in series((White(1.0), Flicker(0.1), Line(2.0, 20.0, 1.5)), rng, 600, 12):
+        guess = {"line_f0": 20.1, "line_width": 1.0}
+        e = fitting.fit(
+            ordinates(y, 0.01), [*likelihood.core(), likelihood.line(1)], guess
+        ).estimates
+        held += sum(e[name].low < value < e[name].high for name, value in true.items())
+    assert held >= 40
+
+
+def test_several_lines_are_found_and_written_down(rng):
+    """Two on one axis: each centre within its own 4.5 sigma; the YAML gives them back."""
+    terms = (White(1.0), Line(2.0, 20.0, 1.0), Line(1.5, 31.0, 2.0))
+    fit = fitting.choose(ordinates(series(terms, rng)[0], 0.01))
+    e = fit.estimates
+    found = sorted((e["line_f0"], e["line_f0_2"]), key=lambda x: x.value)
+    for estimate, f0 in zip(found, (20.0, 31.0), strict=True):
+        assert abs(estimate.value - f0) < 4.5 * (estimate.high - estimate.low) / (2 * 1.96)
+    plain = fitting.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
+    static = Static("log", np.zeros((1, 100, 3)), np.zeros((1, 100, 3)), 0.01, 0.5, None, None)
+    axes = [fit, plain, plain]
+    text = sensor_yaml(FitConfig(data="x"), static, {"gyro": axes, "accel": axes})
+    imu = build(ImuConfig, yaml.safe_load(text))
+    for triad in (imu.gyro.triad(), imu.accel.triad()):
+        lines = [t for t in triad.terms[0] if isinstance(t, Line)]
+        assert sorted(t.f0 for t in lines) == pytest.approx([x.value for x in found], rel=1e-4)
+        assert not any(isinstance(t, Line) for t in triad.terms[1])
 
 
 def test_tones_are_found_and_kept_out_of_the_noise(rng):

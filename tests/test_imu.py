@@ -7,7 +7,7 @@ import pytest
 
 from lbgc.errors import InputError
 from lbgc.sensor import noise, streams
-from lbgc.sensor.datasheet import AccelConfig, GyroConfig
+from lbgc.sensor.datasheet import AccelConfig, AccelLine, GyroConfig, GyroLine
 from lbgc.sensor.imu import Disturbance, Triad, UnitErrors
 from lbgc.units import DEG, HOUR
 
@@ -24,9 +24,7 @@ GYRO = GyroConfig(
     ramp_deg_per_h_per_h=500.0,
     gauss_markov_deg_per_h=3.0,
     gauss_markov_s=5.0,
-    line_deg_per_h=20.0,
-    line_hz=7.0,
-    line_width_hz=0.5,
+    lines=(GyroLine(20.0, 7.0, 0.5),),
     bandwidth_hz=20.0,
     g_sensitivity_deg_per_h_per_g=2.0,
     bias_per_k_deg_per_h_per_k=0.1,
@@ -49,9 +47,7 @@ ACCEL = AccelConfig(
     ramp_ug_per_h=2e4,
     gauss_markov_ug=30.0,
     gauss_markov_s=5.0,
-    line_ug=100.0,
-    line_hz=7.0,
-    line_width_hz=0.5,
+    lines=(AccelLine(100.0, [7.0, 8.0, 9.0], 0.5),),
     bandwidth_hz=20.0,
     bias_per_k_ug_per_k=30.0,
     scale_per_k_ppm_per_k=30.0,
@@ -120,13 +116,25 @@ def test_negative_figures_are_refused_by_name(config_class):
         ({"rate_lsb_deg_per_s": 0.0}, "greater than zero"),
         ({"flicker_long_s": 0.5}, "above flicker_short_s = 1.0"),
         ({"tone_deg_per_h": 3.0}, "must be given for tone_deg_per_h = 3.0"),
-        ({"line_deg_per_h": [0, 1, 0], "line_hz": 3.0}, "line_width_hz = 0.0 Hz: must be given"),
         ({"bandwidth_hz": [5.0, 0.0, 5.0]}, "must be greater than zero"),
     ],
 )
 def test_figures_that_make_no_sense_are_refused(values, says):
     with pytest.raises(InputError, match=says):
         GyroConfig(**values)
+
+
+def test_lines_are_as_many_as_are_given():
+    two = GyroConfig(
+        lines=(GyroLine(20.0, 7.0, 0.5), GyroLine([0.0, 3.0, 0.0], [0.0, 19.0, 0.0], 2.0))
+    )
+    terms = two.triad().terms
+    assert terms[0] == (noise.Line(20.0 * DEG / HOUR, 7.0, 0.5),)
+    assert terms[1] == (*terms[0], noise.Line(3.0 * DEG / HOUR, 19.0, 2.0))
+    with pytest.raises(InputError, match=r"width_hz = 0.0 Hz: must be above zero where deg_per_h"):
+        GyroLine([0.0, 1.0, 0.0], 3.0, 0.0)
+    with pytest.raises(InputError, match="must be one number or three"):
+        AccelLine([1.0], 3.0, 1.0)
 
 
 def test_units_are_the_datasheets():

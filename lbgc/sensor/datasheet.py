@@ -10,6 +10,54 @@ from lbgc.sensor.imu import Timing, Triad, Triple
 
 
 @dataclass(frozen=True)
+class GyroLine:
+    """A line that wanders about its frequency; an axis without it has a size of zero."""
+
+    deg_per_h: Axes
+    """Its rms."""
+    hz: Axes
+    """Its centre."""
+    width_hz: Axes
+    """Its full width at half power."""
+
+    def __post_init__(self) -> None:
+        _check_line(self, "deg_per_h")
+
+
+@dataclass(frozen=True)
+class AccelLine:
+    """The same of accelerometers."""
+
+    ug: Axes
+    """Its rms."""
+    hz: Axes
+    """Its centre."""
+    width_hz: Axes
+    """Its full width at half power."""
+
+    def __post_init__(self) -> None:
+        _check_line(self, "ug")
+
+
+def _check_line(line: GyroLine | AccelLine, size: str) -> None:
+    _check_three(line)
+    for name in ("hz", "width_hz"):
+        given = np.broadcast_to(getattr(line, name), 3) > 0
+        asked = np.broadcast_to(getattr(line, size), 3) > 0
+        about = f"must be above zero where {size} = {getattr(line, size)} is"
+        require(bool((given | ~asked).all()), name, getattr(line, name), about)
+
+
+def _check_three(config: object) -> None:
+    """Every figure is one number or three, and none is negative."""
+    for name, value in vars(config).items():
+        if isinstance(value, list):
+            require(len(value) == 3, name, value, "must be one number or three: [x, y, z]")
+        if value is not None and not isinstance(value, str | tuple):
+            require_not_negative(config, name)
+
+
+@dataclass(frozen=True)
 class GyroConfig:
     """A gyro triad in datasheet units. A figure is one number or three: forward, right, down."""
 
@@ -29,12 +77,8 @@ class GyroConfig:
     """1 sigma of a first-order Gauss-Markov process."""
     gauss_markov_s: Axes = 100.0
     """Its correlation time."""
-    line_deg_per_h: Axes = 0.0
-    """Rms of a line that wanders about its frequency."""
-    line_hz: Axes = 0.0
-    """Its centre."""
-    line_width_hz: Axes = 0.0
-    """Its full width at half power."""
+    lines: tuple[GyroLine, ...] = ()
+    """Lines that wander, as many as there are."""
     bandwidth_hz: Axes | None = None
     """Of the second-order low-pass behind which the white noise, the tone and what moves come out;
     null: the mean over the sample's interval alone."""
@@ -81,7 +125,6 @@ class GyroConfig:
             Q="quantisation_arcsec",
             R="ramp_deg_per_h_per_h",
             gauss_markov="gauss_markov_deg_per_h",
-            line="line_deg_per_h",
             g_sensitivity="g_sensitivity_deg_per_h_per_g",
             B="bias_instability_deg_per_h",
             K="rrw_deg_per_h_per_sqrt_h",
@@ -116,12 +159,8 @@ class AccelConfig:
     """1 sigma of a first-order Gauss-Markov process."""
     gauss_markov_s: Axes = 100.0
     """Its correlation time."""
-    line_ug: Axes = 0.0
-    """Rms of a line that wanders about its frequency."""
-    line_hz: Axes = 0.0
-    """Its centre."""
-    line_width_hz: Axes = 0.0
-    """Its full width at half power."""
+    lines: tuple[AccelLine, ...] = ()
+    """Lines that wander, as many as there are."""
     bandwidth_hz: Axes | None = None
     """Of the second-order low-pass behind which the white noise, the tone and what moves come out;
     null: the mean over the sample's interval alone."""
@@ -166,7 +205,6 @@ class AccelConfig:
             Q="quantisation_ug_s",
             R="ramp_ug_per_h",
             gauss_markov="gauss_markov_ug",
-            line="line_ug",
             B="bias_instability_ug",
             K="random_walk_ug_per_sqrt_h",
             bias_unit="bias_unit_mg",
@@ -229,32 +267,22 @@ _MUST_BE_POSITIVE = ("lsb", "range", "flicker", "bandwidth", "damping", "gauss_m
 
 
 def _validate(config: GyroConfig | AccelConfig) -> None:
+    _check_three(config)
     for name, value in vars(config).items():
-        if isinstance(value, list):
-            require(len(value) == 3, name, value, "must be one number or three: [x, y, z]")
-        if value is not None:
-            require_not_negative(config, name)
-            if any(part in name for part in _MUST_BE_POSITIVE):
-                lowest = min(value) if isinstance(value, list) else value
-                require(lowest > 0, name, value, "must be greater than zero")
+        if value is not None and any(part in name for part in _MUST_BE_POSITIVE):
+            lowest = min(value) if isinstance(value, list) else value
+            require(lowest > 0, name, value, "must be greater than zero")
     require(
         config.flicker_long_s > config.flicker_short_s,
         "flicker_long_s",
         config.flicker_long_s,
         f"must be above flicker_short_s = {config.flicker_short_s}",
     )
-    for what, needs in (("tone", ("tone_hz",)), ("line", ("line_hz", "line_width_hz"))):
-        size = next(n for n in vars(config) if n.startswith(f"{what}_") and "hz" not in n)
-        for name in needs:
-            given = np.broadcast_to(getattr(config, name), 3) > 0
-            asked = np.broadcast_to(getattr(config, size), 3) > 0
-            require(
-                bool((given | ~asked).all()),
-                name,
-                getattr(config, name),
-                f"must be given for {size} = {getattr(config, size)}",
-            )
-
+    size = next(n for n in vars(config) if n.startswith("tone_") and n != "tone_hz")
+    given = np.broadcast_to(config.tone_hz, 3) > 0
+    asked = np.broadcast_to(getattr(config, size), 3) > 0
+    about = f"must be given for {size} = {getattr(config, size)}"
+    require(bool((given | ~asked).all()), "tone_hz", config.tone_hz, about)
     counts = [getattr(config, n) for n in vars(config) if "lsb" in n]
     both = all(c is not None for c in counts)
     names = [n for n in vars(config) if "lsb" in n]
@@ -263,13 +291,19 @@ def _validate(config: GyroConfig | AccelConfig) -> None:
     )
 
 
+def _line(line: GyroLine | AccelLine) -> tuple[Triple, Triple, Triple]:
+    """Rms, centre and width of each axis, SI."""
+    size, centre, width = (_axes(line, key) for key in vars(line))
+    return size, centre, width
+
+
 def _plain(config: GyroConfig | AccelConfig, key: str) -> Triple:
     """A figure without a unit."""
     x, y, z = np.broadcast_to(getattr(config, key), 3).tolist()
     return (x, y, z)
 
 
-def _axes(config: GyroConfig | AccelConfig, key: str) -> Triple:
+def _axes(config: object, key: str) -> Triple:
     value = getattr(config, key)
     x, y, z = value if isinstance(value, list) else [value] * 3
     scale = units.factor(key)
@@ -315,8 +349,7 @@ def _triad(
         N=_white(config, white),
         flicker_corners=(config.flicker_short_s, config.flicker_long_s),
         gauss_markov_time=_axes(config, "gauss_markov_s"),
-        line_hz=_axes(config, "line_hz"),
-        line_width_hz=_axes(config, "line_width_hz"),
+        lines=tuple(_line(line) for line in config.lines),
         bandwidth_hz=None if config.bandwidth_hz is None else _axes(config, "bandwidth_hz"),
         damping=_plain(config, "filter_damping"),
         scale_unit=_axes(config, "scale_unit_ppm"),

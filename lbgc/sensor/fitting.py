@@ -13,16 +13,17 @@ from lbgc.sensor import gaussian
 from lbgc.sensor.likelihood import (
     FILTERED_WHITE,
     GAUSS_MARKOV,
-    LINE,
     QUANTISATION,
     Likelihood,
     Shape,
     core,
+    line,
     low_variance,
 )
 from lbgc.sensor.ordinates import Ordinates, Tone
 
 TWO_SIDED, ONE_SIDED = 3.841, 2.706  # 95% points of the likelihood ratio
+_MOST_PARTS = 10
 _WORTH = 6.0  # what a further part must gain in the information criterion: strong evidence
 
 
@@ -77,7 +78,7 @@ def choose(data: Ordinates, corners: tuple[float, float] = (1.0, 3600.0)) -> Fit
     """Fit the core and whatever else the Bayesian information criterion prefers, one by one:
     angle quantisation, an output filter, narrow-band lines, a Gauss-Markov process."""
     best = _bic(data, core(corners), {})
-    for _ in range(4):
+    for _ in range(_MOST_PARTS):
         trials = [_bic(data, *option) for option in _extensions(data, best)]
         trials = [t for t in trials if _is_sensible(t.start, data)]
         better = min(trials, key=lambda trial: trial.bic, default=best)
@@ -89,11 +90,15 @@ def choose(data: Ordinates, corners: tuple[float, float] = (1.0, 3600.0)) -> Fit
 
 def _is_sensible(values: dict[str, float], data: Ordinates) -> bool:
     """Whether each part is what its name says, and does not mend another part's shape: a line is
-    narrow but resolved, a Gauss-Markov process slower than the samples and not the whole log."""
+    narrow, a Gauss-Markov process slower than the samples and not the whole log."""
     duration = data.n * data.dt
-    f0, width = values.get("line_f0", 1.0), values.get("line_width", 0.1)
     time = values.get("GM_T", 0.1 * duration)
-    return 3 / duration < width <= 0.3 * f0 and 10 * data.dt <= time <= 0.3 * duration
+    narrow = all(
+        values[name.replace("f0", "width")] <= 0.3 * f0
+        for name, f0 in values.items()
+        if name.startswith("line_f0")
+    )
+    return narrow and 10 * data.dt <= time <= 0.3 * duration
 
 
 @dataclass(frozen=True)
@@ -116,13 +121,18 @@ def _bic(data: Ordinates, shapes: list[Shape], start: dict[str, float]) -> _Tria
     return _Trial(shapes, values, likelihood.bic(best), ratio)
 
 
+def _lines(values: dict[str, float]) -> set[str]:
+    """The names of the lines' coefficients."""
+    return {name for name in values if name.startswith("line_sigma")}
+
+
 def _extensions(data: Ordinates, best: _Trial) -> list[tuple[list[Shape], dict[str, float]]]:
     """The model with one part more, each way; a filter also together with a line, since either
     may hide the other. Shapes found so far are kept as guesses, and coefficients guessed afresh:
     a model that lacked a part may have pushed them to zero."""
     names = {shape.names for shape in best.shapes}
-    coefficients = {shape.names[0] for shape in best.shapes}
-    known = {n: v for n, v in best.start.items() if n not in coefficients}
+    afresh = {shape.names[0] for shape in best.shapes} - _lines(best.start)
+    known = {n: v for n, v in best.start.items() if n not in afresh}
     filtered = [*(s for s in best.shapes if s.names != ("N",)), FILTERED_WHITE]
     options = []
     if QUANTISATION.names not in names:
@@ -137,19 +147,25 @@ def _extensions(data: Ordinates, best: _Trial) -> list[tuple[list[Shape], dict[s
         options += [
             ([*best.shapes, GAUSS_MARKOV], {**known, "GM_T": time}) for time in (3.0, 30.0, 300.0)
         ]
-    if LINE.names not in names:
-        local = scipy.ndimage.median_filter(data.power / data.count, 15, mode="nearest")
-        excess = [best.ratio - 1, data.power / data.count / local - 1]
-        peaks = {
-            int(np.argmax(np.where(data.count > 3, e * np.sqrt(data.count), 0))) for e in excess
-        }
-        for f0 in (float(data.f[at]) for at in peaks):
-            for width in (0.01 * f0, 0.1 * f0):
-                guess = {**known, "line_f0": f0, "line_width": width}
-                options.append(([*best.shapes, LINE], guess))
-                if FILTERED_WHITE.names not in names:
-                    both = {**guess, "bandwidth": 0.3 / data.dt, "damping": 0.7}
-                    options.append(([*filtered, LINE], both))
+    local = scipy.ndimage.median_filter(data.power / data.count, 15, mode="nearest")
+    unexplained, sharp = (
+        np.where(data.count > 3, (ratio - 1) * np.sqrt(data.count), 0)
+        for ratio in (best.ratio, data.power / data.count / local)
+    )
+    first = int(np.argmax(unexplained))
+    elsewhere = np.abs(np.log(data.f / data.f[first])) > 0.1
+    peaks = {first, int(np.argmax(unexplained * elsewhere)), int(np.argmax(sharp))}
+    another = line(1 + len(_lines(best.start)))
+    for at in peaks:
+        f0, density = float(data.f[at]), float(data.power[at] / data.count[at])
+        excess = max(density - min(density / best.ratio[at], local[at]), 0.01 * density)
+        for width in (0.01 * f0, 0.1 * f0):
+            sigma = np.sqrt(excess * np.pi * max(width, data.width[at]) / np.sqrt(2))
+            guess = {**known, **dict(zip(another.names, (float(sigma), f0, width), strict=True))}
+            options.append(([*best.shapes, another], guess))
+            if FILTERED_WHITE.names not in names:
+                both = {**guess, "bandwidth": 0.3 / data.dt, "damping": 0.7}
+                options.append(([*filtered, another], both))
     return options
 
 
@@ -196,6 +212,7 @@ def _interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Est
 
     def excess(x: float) -> float:
         """Likelihood ratio at the fixed log-value, the others maximised."""
+        x = min(max(x, likelihood.least[i]), likelihood.most[i])
         if x not in known:
             nearest = min(warm, key=lambda at: abs(at - x))
             warm[x], value = likelihood.minimise(warm[nearest], {i: x})
@@ -213,7 +230,9 @@ def _interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Est
     if at_zero >= ONE_SIDED:
         low = _crossing(excess, centre, -1, min(TWO_SIDED, at_zero))
     value = float(np.exp(centre)) if at_zero > 1e-3 else 0.0
-    return Estimate(value, float(np.exp(low)), float(np.exp(high)), float(np.exp(upper)))
+    ends = np.clip([low, high, upper], likelihood.least[i], likelihood.most[i])
+    low, high, upper = np.exp(ends).tolist()
+    return Estimate(value, low, high, upper)
 
 
 def _one_sided(freedom: float) -> float:
@@ -230,7 +249,7 @@ def _crossing(
 ) -> float:
     """Where the likelihood ratio reaches the threshold on one side of the maximum."""
     inner, step = centre, 0.02
-    for _ in range(40):
+    for _ in range(12):
         outer = inner + side * step
         if excess(outer) > threshold:
             break

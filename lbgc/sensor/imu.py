@@ -114,9 +114,8 @@ class Triad:
     R: Triple
     gauss_markov: Triple
     gauss_markov_time: Triple
-    line: Triple
-    line_hz: Triple
-    line_width_hz: Triple
+    lines: tuple[tuple[Triple, Triple, Triple], ...]
+    """Each line's rms, centre (Hz) and width (Hz)."""
     bandwidth_hz: Triple | None
     damping: Triple
     bias_unit: Triple
@@ -145,7 +144,6 @@ class Triad:
         white: gaussian.GaussianTerm = noise.White(self.N[i])
         if self.bandwidth_hz is not None:
             white = noise.BandLimited(self.N[i], self.bandwidth_hz[i], self.damping[i])
-        line = noise.Line(self.line[i], self.line_hz[i], self.line_width_hz[i])
         every = (
             (self.N[i], white),
             (self.B[i], noise.Flicker(self.B[i], *self.flicker_corners)),
@@ -155,7 +153,7 @@ class Triad:
                 self.gauss_markov[i],
                 noise.GaussMarkov(self.gauss_markov[i], self.gauss_markov_time[i]),
             ),
-            (self.line[i], line),
+            *((size[i], noise.Line(size[i], f0[i], width[i])) for size, f0, width in self.lines),
         )
         return tuple(term for coefficient, term in every if coefficient > 0)
 

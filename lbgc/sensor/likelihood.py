@@ -26,9 +26,10 @@ from lbgc.sensor.noise import (
 from lbgc.sensor.ordinates import Ordinates
 
 _ALIASES = 6
+_ENOUGH = 1e-5  # of the likelihood's logarithm, whose steps by 2 are what an interval is made of
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def low_variance(term: GaussianTerm, blocks: int, interval: float, most: int) -> np.ndarray:
     """Exact variances of coefficients 1..most of block means, times the interval: unit^2 s.
 
@@ -53,15 +54,25 @@ def low_variance(term: GaussianTerm, blocks: int, interval: float, most: int) ->
     return v * interval
 
 
-def high_variance(term: GaussianTerm, f: np.ndarray, dt: float) -> np.ndarray:
-    """The PSD of samples at interval dt: the process's times sinc^2, folded at the sample rate."""
+def high_variance(
+    term: GaussianTerm, f: np.ndarray, dt: float, width: np.ndarray | None = None
+) -> np.ndarray:
+    """The PSD of samples at interval dt: the process's times sinc^2, folded at the sample rate.
+
+    width : (M,), Hz, of bins around f. A line may be as narrow, so that its mean over a bin counts.
+    """
     if isinstance(term, White):
         return term.psd(f)
     if isinstance(term, AngleQuantisation):
         return term.psd(f, dt)
     assert isinstance(term, RandomWalk | Flicker | GaussMarkov | Line | BandLimited)
-    folded = f[:, None] + np.arange(-_ALIASES, _ALIASES + 1) / dt
-    return np.sum(term.psd(np.abs(folded)) * np.sinc(folded * dt) ** 2, axis=1)
+    aliases = 1 if isinstance(term, Line) else _ALIASES  # its flanks are steep
+    folded = f[:, None] + np.arange(-aliases, aliases + 1) / dt
+    density = term.psd(np.abs(folded))
+    if isinstance(term, Line) and width is not None:
+        inside = term.power_below(f + width / 2) - term.power_below(f - width / 2)
+        density[:, aliases] = np.maximum(inside, 0) / width
+    return np.sum(density * np.sinc(folded * dt) ** 2, axis=1)
 
 
 @dataclass(frozen=True)
@@ -86,8 +97,22 @@ def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
 
 QUANTISATION = Shape(("Q",), AngleQuantisation)
 GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
-LINE = Shape(("line_sigma", "line_f0", "line_width"), Line)
 FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
+
+
+def line(k: int) -> Shape:
+    """The k-th line of a model, from 1 on; the first goes without a number."""
+    number = "" if k == 1 else f"_{k}"
+    names = ("line_sigma", "line_f0", "line_width")
+    return Shape(tuple(name + number for name in names), Line)
+
+
+def _range(name: str, data: Ordinates) -> tuple[float, float]:
+    """Where a parameter ends. A filter's damping of 5 puts a factor of a hundred between its poles:
+    it is of first order. A line narrower than 3/duration is one that the log does not resolve."""
+    if name.startswith("line_width"):
+        return 3 / (data.n * data.dt), np.inf
+    return 0.0, 5.0 if name == "damping" else np.inf
 
 
 class Likelihood:
@@ -96,6 +121,9 @@ class Likelihood:
     def __init__(self, data: Ordinates, shapes: list[Shape]):
         self.data, self.shapes = data, shapes
         self.names = [name for shape in shapes for name in shape.names]
+        with np.errstate(divide="ignore"):
+            ends = np.log([_range(name, data) for name in self.names]).reshape(-1, 2)
+        self.least, self.most = ends.T
         recordings, self.lows = data.low.shape
         self.count = np.concatenate([np.full(self.lows, recordings), data.count])
         self.power = np.concatenate([np.sum(data.low**2, axis=0), data.power])
@@ -105,7 +133,7 @@ class Likelihood:
         d = self.data
         term = shape.unit_term(parameters)
         low = low_variance(term, d.blocks, d.interval, self.lows)
-        return np.concatenate([low, _high_cached(term, d.f.tobytes(), d.dt)])
+        return np.concatenate([low, _high_cached(term, d.f.tobytes(), d.dt, d.width.tobytes())])
 
     def variance(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """v (m,) and its derivative by the log-parameters (m, P)."""
@@ -141,7 +169,11 @@ class Likelihood:
         return float(1 / max(inverse[at, at], 1e-12) / 2)
 
     def value(self, p: np.ndarray) -> float:
-        v, _ = self.variance(p)
+        v, at = np.zeros(len(self.count)), 0
+        for shape in self.shapes:
+            own = np.exp(p[at : at + len(shape.names)])
+            v += own[0] ** 2 * self.unit_variance(shape, tuple(own[1:]))
+            at += len(own)
         return 0.5 * float(np.sum(self.count * np.log(v) + self.power / v))
 
     def minimise(
@@ -149,36 +181,42 @@ class Likelihood:
     ) -> tuple[np.ndarray, float]:
         """Fisher scoring with halved steps; `fixed` holds parameters at values. A coefficient that
         the data push to zero ends far below what they could show."""
-        p = start.copy()
+        p = np.clip(start, self.least, self.most)
         for i, x in (fixed or {}).items():
             p[i] = x
-        free = [i for i in range(len(p)) if i not in (fixed or {})]
+        loose = np.array([i not in (fixed or {}) for i in range(len(p))])
         best = self.value(p)
         for _ in range(60):
             v, J = self.variance(p)
-            A = J[:, free] / v[:, None]
+            A = J / v[:, None]
             gradient = 0.5 * A.T @ (self.count - self.power / v)
+            at_end = (p >= self.most - 1e-9, p <= self.least + 1e-9)
+            free = loose & ~(at_end[0] & (gradient < 0)) & ~(at_end[1] & (gradient > 0))
+            A = A[:, free]
             information = 0.5 * (A * self.count[:, None]).T @ A
-            ridge = 1e-9 * np.trace(information) / max(len(free), 1) + 1e-12
-            step = np.linalg.solve(information + ridge * np.eye(len(free)), gradient)
+            ridge = 1e-12 * np.trace(information) + 1e-12
+            step = np.linalg.solve(information + ridge * np.eye(free.sum()), gradient[free])
             step *= min(1.0, 1.0 / np.abs(step).max(initial=1e-300))
-            for _ in range(30):
+            if gradient[free] @ step < _ENOUGH:  # all that is left to gain
+                break
+            room = np.where(step < 0, self.most[free] - p[free], p[free] - self.least[free])
+            short = min(1.0, float(np.min(room / np.abs(step), initial=1.0)))  # of an end
+            step *= short
+            for _ in range(10):
                 trial = p.copy()
                 trial[free] -= step
                 value = self.value(trial)
-                if value <= best + 1e-12:
+                if value <= best:
                     break
                 step = step / 2
             else:
                 break
             gained, best, p = best - value, value, trial
-            if gained < 1e-7 and np.abs(step).max(initial=0) < 1e-3:
-                break
-            if gained < 1e-9:
+            if gained < _ENOUGH and short == 1.0:
                 break
         return p, best
 
 
-@lru_cache(maxsize=256)
-def _high_cached(term: GaussianTerm, key: bytes, dt: float) -> np.ndarray:
-    return high_variance(term, np.frombuffer(key), dt)
+@lru_cache(maxsize=1024)
+def _high_cached(term: GaussianTerm, f: bytes, dt: float, width: bytes) -> np.ndarray:
+    return high_variance(term, np.frombuffer(f), dt, np.frombuffer(width))

@@ -11,6 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lbgc.sensor.exponential import (
+    exponential_allan,
+    gauss_markov_allan,
+    gauss_markov_model,
+    gauss_markov_psd,
+)
 from lbgc.sensor.gaussian import GaussianTerm, MeansModel, sde_means_model
 
 BUTTERWORTH = float(np.sqrt(0.5))
@@ -102,15 +108,15 @@ class Flicker(GaussianTerm):
         return variances
 
     def means_model(self, interval: float) -> MeansModel:
-        return _gauss_markov_model(self.variances(), self.correlation_times(), interval)
+        return gauss_markov_model(self.variances(), self.correlation_times(), interval)
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
         """Exact, corners included."""
-        return _gauss_markov_allan(self.variances(), self.correlation_times(), tau)
+        return gauss_markov_allan(self.variances(), self.correlation_times(), tau)
 
     def psd(self, f: np.ndarray) -> np.ndarray:
         """Of the model, corners and ripple included."""
-        return _gauss_markov_psd(self.variances(), self.correlation_times(), f)
+        return gauss_markov_psd(self.variances(), self.correlation_times(), f)
 
 
 @dataclass(frozen=True)
@@ -127,13 +133,13 @@ class GaussMarkov(GaussianTerm):
     """s: correlation time."""
 
     def means_model(self, interval: float) -> MeansModel:
-        return _gauss_markov_model(np.array([self.sigma**2]), np.array([self.T]), interval)
+        return gauss_markov_model(np.array([self.sigma**2]), np.array([self.T]), interval)
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
-        return _gauss_markov_allan(np.array([self.sigma**2]), np.array([self.T]), tau)
+        return gauss_markov_allan(np.array([self.sigma**2]), np.array([self.T]), tau)
 
     def psd(self, f: np.ndarray) -> np.ndarray:
-        return _gauss_markov_psd(np.array([self.sigma**2]), np.array([self.T]), f)
+        return gauss_markov_psd(np.array([self.sigma**2]), np.array([self.T]), f)
 
 
 @dataclass(frozen=True)
@@ -167,7 +173,7 @@ class Line(GaussianTerm):
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
         a, w = np.pi * self.width * BUTTERWORTH, 2 * np.pi * self.f0
-        each = [_exponential_allan(a * (1j - 1) + 1j * turn, 1 - 1j, tau) for turn in (w, -w)]
+        each = [exponential_allan(a * (1j - 1) + 1j * turn, 1 - 1j, tau) for turn in (w, -w)]
         return self.sigma**2 / 2 * (each[0] + each[1])
 
     def psd(self, f: np.ndarray) -> np.ndarray:
@@ -227,8 +233,8 @@ class BandLimited(GaussianTerm):
         root = np.sqrt(complex(damping**2 - 1))
         w = 2 * np.pi * self.bandwidth
         one, two = w * (-damping + root), w * (-damping - root)
-        first = _exponential_allan(one, -two / (one - two), tau)
-        return self._variance() * (first + _exponential_allan(two, one / (one - two), tau))
+        first = exponential_allan(one, -two / (one - two), tau)
+        return self._variance() * (first + exponential_allan(two, one / (one - two), tau))
 
     def psd(self, f: np.ndarray) -> np.ndarray:
         return self.N**2 * self.gain_squared(f)
@@ -341,64 +347,3 @@ class Sinusoid:
 def allan_variance(terms: tuple, tau: np.ndarray) -> np.ndarray:
     """Of the sum of independent terms (Gaussian or not), tau (*S) in s -> unit^2 (*S)."""
     return sum((t.allan_variance(tau) for t in terms), np.zeros(np.shape(tau)))
-
-
-def _gauss_markov_model(s: np.ndarray, times: np.ndarray, interval: float) -> MeansModel:
-    """Of a sum of processes of variances s: each over h = u T, started at x, ends at e^-u x + ...
-    and has mean g x + ..., g = (1 - e^-u)/u; given x, var(end) = s (1 - e^-2u), cov(end, mean)
-    = s g (1 - e^-u) and var(mean) = s (V(u) - g^2), V as in `_mean_variance`."""
-    u = interval / times
-    gain = -np.expm1(-u) / u
-    return MeansModel(
-        A=np.diag(np.exp(-u)),
-        C=gain,
-        Q=np.diag(s * -np.expm1(-2 * u)),
-        S=s * gain * -np.expm1(-u),
-        R=float(np.sum(s * _conditional_mean_variance(u))),
-        P0=np.diag(s),
-    )
-
-
-def _gauss_markov_allan(s: np.ndarray, times: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """V(tau) - cov of neighbours = 2 (V(tau) - V(2 tau))."""
-    u = np.asarray(tau, dtype=float)[..., None] / times
-    return np.sum(s * 2 * (_mean_variance(u) - _mean_variance(2 * u)), axis=-1)
-
-
-def _gauss_markov_psd(s: np.ndarray, times: np.ndarray, f: np.ndarray) -> np.ndarray:
-    x = 2 * np.pi * np.asarray(f, dtype=float)[..., None] * times
-    return np.sum(2 * s * times / (1 + x**2), axis=-1)
-
-
-def _exponential_allan(rate: complex, weight: complex, tau: np.ndarray) -> np.ndarray:
-    """Allan variance of a process with covariance Re(weight e^(rate |t|)):
-    V(tau) = 2 Re(weight (e^(rate tau) - 1 - rate tau)/(rate tau)^2)."""
-
-    def variance(t: np.ndarray) -> np.ndarray:
-        z = rate * t
-        small = np.abs(z) < 1e-2
-        safe = np.where(small, 1.0, z)
-        series = 0.5 + z / 6 + z**2 / 24 + z**3 / 120 + z**4 / 720 + z**5 / 5040
-        return 2 * np.real(weight * np.where(small, series, (np.expm1(safe) - safe) / safe**2))
-
-    t = np.asarray(tau, dtype=float)
-    return 2 * (variance(t) - variance(2 * t))
-
-
-def _mean_variance(u: np.ndarray) -> np.ndarray:
-    """Variance of a unit Gauss-Markov process's mean over u correlation times:
-    2 (u - 1 + e^-u)/u^2, by its series 1 - u/3 + u^2/12 - ... where that cancels."""
-    small = u < 0.1
-    series = 1 - u / 3 + u**2 / 12 - u**3 / 60 + u**4 / 360 - u**5 / 2520 + u**6 / 20160
-    safe = np.where(small, 1.0, u)
-    return np.where(small, series, 2 * (safe + np.expm1(-safe)) / safe**2)
-
-
-def _conditional_mean_variance(u: np.ndarray) -> np.ndarray:
-    """The same given the process's value at the start: V(u) - ((1 - e^-u)/u)^2, by its series
-    2u/3 - u^2/2 + 7u^3/30 - ... where that cancels."""
-    small = u < 0.02
-    series = 2 * u / 3 - u**2 / 2 + 7 * u**3 / 30 - u**4 / 12 + 31 * u**5 / 1260
-    safe = np.where(small, 1.0, u)
-    closed = _mean_variance(safe) - (np.expm1(-safe) / safe) ** 2
-    return np.where(small, series, closed)

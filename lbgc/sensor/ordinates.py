@@ -7,7 +7,8 @@ coefficient left out.
 
 Low frequencies are taken from block means, whose variances the model gives exactly, start of the
 random walk and corners of the flicker included. High frequencies are taken from the samples and
-gathered into bins: within a bin the spectrum is smooth, so its power is all that matters.
+gathered into bins: within a bin the spectrum is smooth, or narrow enough to be a line that the
+model averages over it, so its power is all that matters.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ import scipy.stats
 
 _BLOCKS = 1024
 _BINS_PER_E_FOLD = 40
+_AROUND = 60
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,11 @@ class Ordinates:
         return self.n // self.block
 
     @property
+    def width(self) -> np.ndarray:
+        """(M,), Hz, of the bins: an ordinate of each recording stands for 1/(2 n dt)."""
+        return self.count / len(self.low) / (2 * self.n * self.dt)
+
+    @property
     def interval(self) -> float:
         return self.dt * self.block
 
@@ -87,10 +94,13 @@ def ordinates(series: np.ndarray, dt: float) -> Ordinates:
     low = low[None, 1:split] * np.sqrt(dt * block)
     fine = np.square(scipy.fft.dct(y, norm="ortho")[split:]) * dt
     k = np.arange(split, len(y))
-    tones, plain = _tones(fine, k, len(y), dt)
+    tones, plain, wandering = _tones(fine, k, len(y), dt)
     k, fine = k[plain], fine[plain]
     bins = int(_BINS_PER_E_FOLD * np.log(len(y) / split)) + 2
-    edges = np.unique(np.geomspace(split, len(y), bins).round().astype(int))
+    edges = np.geomspace(split, len(y), bins).round().astype(int)
+    # A line may be narrower than a bin: there, one for every few ordinates.
+    around = (k_of_line + np.arange(-_AROUND, _AROUND + 1, 4) for k_of_line in wandering)
+    edges = np.unique(np.concatenate([edges, *around]).clip(split, len(y)))
     which = np.searchsorted(edges, k, side="right")
     count = np.bincount(which, minlength=len(edges) + 1)
     used = count > 0
@@ -101,28 +111,35 @@ def ordinates(series: np.ndarray, dt: float) -> Ordinates:
 
 def _tones(
     fine: np.ndarray, k: np.ndarray, n: int, dt: float
-) -> tuple[tuple[Tone, ...], np.ndarray]:
-    """Sinusoids among the ordinates, and which ordinates are free of them.
+) -> tuple[tuple[Tone, ...], np.ndarray, np.ndarray]:
+    """Sinusoids among the ordinates, which ordinates are free of them, and the k of the peaks that
+    are lines.
 
     An ordinate over its neighbourhood's median (0.455 of the mean of chi^2_1) is a tone's where
     noise would give one such in a hundred recordings. A sinusoid's energy, n amplitude^2/2, falls
-    into a handful of neighbours; what samples show of it is amplitude x sinc(f dt).
+    into a handful of neighbours (86% or more into five); what samples show of it is amplitude x
+    sinc(f dt). A peak that spreads wider wanders: it is a line, and stays.
     """
     width = 200
     groups = max(1, len(fine) // width)
     medians = np.median(fine[: groups * width].reshape(groups, -1), axis=1)
     level = np.interp(np.arange(len(fine)), (np.arange(groups) + 0.5) * width, medians) / 0.455
     peaks = np.flatnonzero(fine > level * scipy.stats.chi2.isf(0.01 / len(fine), 1))
+    clusters = np.split(peaks, np.flatnonzero(np.diff(peaks) > 20) + 1) if len(peaks) else []
     plain = np.ones(len(fine), bool)
-    found = []
-    for cluster in np.split(peaks, np.flatnonzero(np.diff(peaks) > 20) + 1) if len(peaks) else []:
+    found, wandering = [], np.zeros(0, int)
+    for cluster in sorted(clusters, key=lambda c: -np.max(fine[c])):
         top = cluster[np.argmax(fine[cluster])]
         # Its leakage falls as energy/(pi distance)^2: left out to a twentieth of the noise.
         reach = int(np.sqrt(2 * np.sum(fine[cluster]) / level[top]))
         reach = min(max(reach, 6), len(fine) // 50)
         around = slice(max(cluster[0] - reach, 0), cluster[-1] + reach + 1)
         excess = max(float(np.sum(fine[around] - level[around])), 0.0)
+        if np.sum(fine[max(top - 2, 0) : top + 3]) < 0.6 * excess:
+            wandering = np.append(wandering, top)
+        if np.any(np.abs(wandering - top) < width):  # the line itself, or its flank
+            continue
         plain[around] = False
         f = float(k[top] / (2 * n * dt))
         found.append(Tone(f, float(np.sqrt(2 * excess / dt / n) / np.sinc(f * dt))))
-    return tuple(found), plain
+    return tuple(found), plain, k[wandering]
