@@ -15,7 +15,8 @@ from tqdm import tqdm
 
 from lbgc.data import logs
 from lbgc.data.record import Record
-from lbgc.data.store import SPLITS, Dataset
+from lbgc.data.schema import SPLITS
+from lbgc.data.store import Dataset
 from lbgc.data.windows import cut
 from lbgc.earth import heading_exists
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main

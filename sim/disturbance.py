@@ -96,6 +96,8 @@ class Knocks:
     starts from rest; its translation is scaled to a peak acceleration, its tilt to a peak angle."""
 
     per_s: float
+    peak: float  # m/s^2, 1 sigma
+    lean: float  # rad, 1 sigma
     at: np.ndarray  # (k,), s
     force: np.ndarray  # (k, 3), m/s^2
     tilt: np.ndarray  # (k, 3), rad
@@ -153,9 +155,10 @@ class KnocksConfig:
         )
         count = rng.poisson(per_minute * duration_s / 60)
         at = np.sort(rng.uniform(0, duration_s, count))
-        force = _si(self, "peak_mg", peak) * rng.standard_normal((count, 3))
-        lean = _si(self, "tilt_arcsec", tilt) * rng.standard_normal((count, 3)) * [1, 1, 0]
-        return Knocks(per_minute / 60, at, force, lean, hz, self.damping)
+        peak, lean = (float(_si(self, n, v)) for n, v in (("peak_mg", peak), ("tilt_arcsec", tilt)))
+        force = peak * rng.standard_normal((count, 3))
+        leans = lean * rng.standard_normal((count, 3)) * [1, 1, 0]
+        return Knocks(per_minute / 60, peak, lean, at, force, leans, hz, self.damping)
 
 
 @dataclass(frozen=True)
@@ -322,8 +325,12 @@ class Floor:
             "vibration_frequency": ("vibration", v.hz),
             "vibration_drift": ("vibration", v.drift_hz),
             "vibration_phase": ("vibration", v.phase[:3]),
+            "vibration_force_phase": ("vibration", v.phase[3:6]),
+            "vibration_drift_phase": ("vibration", float(v.phase[6])),
             "knock_rate": ("knocks", k.per_s),
             "knock_count": ("knocks", len(k.at)),
+            "knock_peak": ("knocks", k.peak),
+            "knock_tilt": ("knocks", k.lean),
             "knock_frequency": ("knocks", k.hz),
             "floor_tilt_rate": ("tilting", t.rate),
             "floor_tilt_direction": ("tilting", t.direction),

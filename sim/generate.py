@@ -18,6 +18,7 @@ from tqdm import tqdm
 import lbgc
 from lbgc.data import store
 from lbgc.data.record import whole_multiple
+from lbgc.data.schema import SCHEMA
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require, require_choice, require_positive, run_main
 from lbgc.frames import wrap
@@ -215,7 +216,7 @@ def _path(config: GenerateConfig) -> Path:
         require(not path.is_file(), "out", path, "is a file; a dataset is a directory")
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
-    identity = fingerprint({"schema": store.SCHEMA, **config.content()})
+    identity = fingerprint({"schema": SCHEMA, **config.content()})
     return task_directory("generate", identity) / "dataset.zarr"
 
 

@@ -114,7 +114,7 @@ def truths(
             level = np.eye(3)
         else:
             felt, level = executed.felt, drawn.level
-            attitude = level @ _ends(executed)
+            attitude = level @ executed.ends
         to_n = rotation_z(drawn.azimuth)
         earth, down = to_n.T @ earth_rate_ned(latitude), np.array([0.0, 0.0, gravity])
         start, control = (to_n @ matrix for matrix in _at_start(executed, drawn))
@@ -172,19 +172,6 @@ def _on_moving_floor(executed: Executed, drawn: Draw) -> tuple[Felt, np.ndarray]
 def _level(bench: Bench, drawn: Draw) -> np.ndarray:
     """How the base stands on the floor, (3, 3): in a vehicle the physics has that already."""
     return np.eye(3) if bench.scene.sway.present else drawn.level
-
-
-def _ends(executed: Executed) -> np.ndarray:
-    """Attitude in the base's axes at the samples' ends, (n, 3, 3); (1, 3, 3) where it is one."""
-    if not executed.moves:
-        return executed.pose(executed.stretches[0].poses)[0]
-    steps, parts = executed.bench.steps, []
-    for s in executed.stretches:
-        if s.moves:
-            parts.append(executed.pose(s.poses[1 + steps : -1 : steps])[0])
-        else:
-            parts.append(np.repeat(executed.pose(s.poses)[0], s.samples, axis=0))
-    return np.concatenate(parts)
 
 
 def _at_start(executed: Executed, drawn: Draw) -> tuple[np.ndarray, np.ndarray]:

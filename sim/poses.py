@@ -119,6 +119,17 @@ class Executed:
     def _felt_in(self, poses: Poses) -> Felt:
         return kinematics.felt(*self.pose(poses), self.bench.step, self.bench.steps)
 
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """Attitude in the base's axes at the samples' ends, (n, 3, 3), or (1, 3, 3)."""
+        if not self.moves:
+            return self.pose(self.stretches[0].poses)[0]
+        steps, parts = self.bench.steps, []
+        for s in self.stretches:
+            poses = s.poses[1 + steps : -1 : steps] if s.moves else s.poses
+            parts.append(np.repeat(self.pose(poses)[0], 1 if s.moves else s.samples, axis=0))
+        return np.concatenate(parts)
+
     def angle_at(self, t: np.ndarray) -> np.ndarray:
         """The plate's angle at times t (s), rad; before the recording it stood still."""
         return np.interp(t, *self._knots)

@@ -147,12 +147,17 @@ def _with_friction(spec: mujoco.MjSpec, torque: float, viscosity: float) -> None
 
 def plate_inertia(model: mujoco.MjModel) -> float:
     """About the hinge, kg m^2, modules included."""
+    dof = int(model.joint("azimuth").dofadr[0])
+    return float(_mass_matrix(model)[dof, dof])
+
+
+def _mass_matrix(model: mujoco.MjModel) -> np.ndarray:
+    """In the pose of rest, (nv, nv)."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     matrix = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, matrix)
-    dof = int(model.joint("azimuth").dofadr[0])
-    return float(matrix[dof, dof])
+    return matrix
 
 
 def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
@@ -171,10 +176,7 @@ def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
     for name in ("vehicle", "base", "plate"):
         spec.body(name).gravcomp = 1.0  # springs are at rest where the vehicle stands
     model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    mass = np.empty((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
+    mass = _mass_matrix(model)
     for name, f, zeta in zip(JOINTS, sway.frequency_hz, sway.damping_ratio, strict=True):
         joint = model.joint(name)
         i, w = joint.dofadr[0], 2 * math.pi * f

@@ -69,3 +69,11 @@ def sample_means(angle: np.ndarray, h: float, steps: int, **bench: float) -> tup
     _, force = felt(angle[1:-1], (during[1:] + during[:-1]) / 2, acceleration, **bench)
     force = (force[:-1] + force[1:]) / 2
     return tuple(v.reshape(-1, steps, 3).mean(axis=1) for v in (omega, force))
+
+
+def heading_from_turning(angle: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
+    """Heading at angle zero from both horizontal rates at the plate's angles, all (m,), by least
+    squares with a constant: x = w cos(psi + angle) + ., y = -w sin(psi + angle) + ."""
+    design = np.stack([np.cos(angle), np.sin(angle), np.ones(len(angle))], axis=1)
+    (a, b, _), (c, d, _) = (np.linalg.lstsq(design, v, rcond=None)[0] for v in (x, y))
+    return float(np.arctan2(-b - c, a - d))

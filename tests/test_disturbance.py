@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import default_config
 
-from lbgc.data.store import VARIABLES
+from lbgc.data.schema import VARIABLES
 from lbgc.errors import InputError
 from lbgc.units import DEG, HOUR, STANDARD_GRAVITY
 from sim.disturbance import (
@@ -130,6 +130,7 @@ def test_a_range_is_drawn_from_and_recorded():
     roll = np.array([f["moored_roll"] for f in floors]) / DEG
     assert 1 <= roll.min() < 1.2 < 2.8 < roll.max() <= 3
     assert len({f["knock_rate"] for f in floors}) == 200
+    assert all(f["knock_peak"] == pytest.approx(2e-3 * STANDARD_GRAVITY) for f in floors)
     assert not any(f["floor_tilt_rate"] for f in floors)
     assert set(floors[0]) <= set(VARIABLES)
 

@@ -7,7 +7,8 @@ import pytest
 from helpers import default_config, generate
 
 import sim.generate
-from lbgc.data.store import VARIABLES, Dataset
+from lbgc.data.schema import VARIABLES
+from lbgc.data.store import Dataset
 from lbgc.data.windows import cut
 from lbgc.earth import earth_rate_ned
 from lbgc.estimators.static import mean

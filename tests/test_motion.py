@@ -259,13 +259,10 @@ def test_a_bias_does_not_leak_into_what_turning_tells():
         found = truth(bench, plan(ProtocolConfig(**values), 0, duration), lat, drawn(azimuth=0.4))
         middle = found.plate_angle - np.diff(found.plate_angle, prepend=0.0) / 2
         used = found.stage == (REST if values["kind"] == "indexed" else SLEW)
-        design = np.stack([np.cos(middle), np.sin(middle), np.ones(len(middle))], axis=1)[used]
-        headings = []
-        for added in (0.0, bias):
-            # x = w cos(psi + angle), y = -w sin(psi + angle)
-            x, y = (found.omega_ib_b[axis][used] + added for axis in (0, 1))
-            (a, b, _), (c, d, _) = (np.linalg.lstsq(design, v, rcond=None)[0] for v in (x, y))
-            headings.append(np.arctan2(-b - c, a - d))
+        headings = [
+            closed_form.heading_from_turning(middle[used], *(found.omega_ib_b[:2, used] + added))
+            for added in (0.0, bias)
+        ]
         assert abs(np.rad2deg(headings[1] - headings[0])) < 1e-6
         assert abs(np.rad2deg(wrap(headings[0] - found.heading))) < 1e-4
 

@@ -10,7 +10,8 @@ import xarray
 import zarr
 
 from lbgc.data import store
-from lbgc.data.store import VARIABLES, Dataset, Layout
+from lbgc.data.schema import VARIABLES
+from lbgc.data.store import Dataset, Layout
 from lbgc.errors import InputError
 
 LAYOUT = Layout(600, 40, 2.0, {"gyro": 1e-6, "accel": None})

@@ -19,110 +19,13 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
 
 from lbgc.data.record import Record
+from lbgc.data.schema import AXES, RECORDED, SCHEMA, SPLITS, VARIABLES, Variable
 from lbgc.errors import InputError, require
 from lbgc.outputs import fingerprint
-from lbgc.protocol import STAGES
 
-SCHEMA = 2
-"""Changes whenever the same configuration would give other bytes, or a reader would be misled."""
-
-SPLITS = ("train", "validation", "test")
 _SHARD_BYTES = 64e6
 _SHARD_RECORDINGS = 16
 _CHUNK_BYTES = 4e6
-
-
-@dataclass(frozen=True)
-class Variable:
-    dims: tuple[str, ...]
-    dtype: str
-    units: str
-    long_name: str
-    flags: tuple[str, ...] = ()
-
-
-_T = ("recording", "time", "axis")
-_PER_RECORDING = ("recording",)
-_VECTOR = ("recording", "axis")
-_MATRIX = ("recording", "axis", "axis_in")
-
-_OFF = ("free", "saturated")
-_CAME = ("came", "lost")
-_TRIADS = (("gyro", "rad s-1", "angular rate"), ("accel", "m s-2", "specific force"))
-VARIABLES: dict[str, Variable] = {
-    "gyro": Variable(_T, "", "rad s-1", "angular rate omega_ib_b, as the sensor gives it"),
-    "accel": Variable(_T, "", "m s-2", "specific force f_ib_b, as the sensor gives it"),
-    "plate_angle": Variable(
-        ("recording", "time"), "float64", "rad", "plate angle as the encoder reads it"
-    ),
-    "gyro_saturated": Variable(("recording", "time"), "int8", "1", "a gyro is at its range", _OFF),
-    "accel_saturated": Variable(
-        ("recording", "time"), "int8", "1", "an accelerometer is at its range", _OFF
-    ),
-    "time_error": Variable(
-        ("recording", "time"), "float32", "s", "printed time of a sample less its true time"
-    ),
-    "lost": Variable(
-        ("recording", "time"), "int8", "1", "a sample that repeats the last one that came", _CAME
-    ),
-    "stage": Variable(("recording", "time"), "int8", "1", "what the plate is doing", STAGES),
-    "heading": Variable(
-        _PER_RECORDING, "float64", "rad", "true heading when the encoder reads zero"
-    ),
-    "heading_reference": Variable(
-        _PER_RECORDING, "float64", "rad", "the control module's word for the heading"
-    ),
-    "roll": Variable(_PER_RECORDING, "float64", "rad", "true roll at the start"),
-    "pitch": Variable(_PER_RECORDING, "float64", "rad", "true pitch at the start"),
-    "latitude": Variable(_PER_RECORDING, "float64", "rad", "geodetic latitude"),
-    "attitude": Variable(
-        _T, "float32", "rad", "true roll, pitch, and heading less its label and the plate's angle"
-    ),
-    "base_azimuth": Variable(_PER_RECORDING, "float64", "rad", "azimuth of the base"),
-    **{
-        name: Variable(dims, dtype, unit, f"drawn {long}; 0 where it is off")
-        for name, dims, dtype, unit, long in (
-            ("base_roll", _PER_RECORDING, "float64", "rad", "roll of the base"),
-            ("base_pitch", _PER_RECORDING, "float64", "rad", "pitch of the base"),
-            ("sway_level", _PER_RECORDING, "float64", "1", "level of the sway"),
-            ("vibration_level", _PER_RECORDING, "float64", "1", "level of the floor's vibration"),
-            ("vibration_frequency", _PER_RECORDING, "float64", "Hz", "frequency of it"),
-            ("vibration_drift", _PER_RECORDING, "float64", "Hz", "swing of that frequency"),
-            ("vibration_phase", _VECTOR, "float64", "rad", "phases of its rotation"),
-            ("knock_rate", _PER_RECORDING, "float64", "s-1", "mean rate of knocks"),
-            ("knock_count", _PER_RECORDING, "int32", "1", "number of knocks"),
-            ("knock_frequency", _PER_RECORDING, "float64", "Hz", "frequency of their swinging"),
-            ("floor_tilt_rate", _PER_RECORDING, "float64", "rad s-1", "rate of the floor's tilt"),
-            ("floor_tilt_direction", _PER_RECORDING, "float64", "rad", "axis of it"),
-            ("moored_roll", _PER_RECORDING, "float64", "rad", "rms roll of the moored platform"),
-            ("moored_pitch", _PER_RECORDING, "float64", "rad", "rms pitch of it"),
-            ("moored_heave", _PER_RECORDING, "float64", "m", "rms heave of it"),
-            ("moored_period", _PER_RECORDING, "float64", "s", "period of its waves"),
-        )
-    },
-    "settling_time": Variable(
-        _PER_RECORDING, "float64", "s", "physics run until the plate had settled"
-    ),
-    "unit": Variable(_PER_RECORDING, "int32", "1", "serial number of the sensor"),
-    "session": Variable(_PER_RECORDING, "int32", "1", "power-up of that sensor"),
-    "split": Variable(_PER_RECORDING, "int8", "1", "part of the dataset", SPLITS),
-    **{
-        f"{triad}_{name}": Variable(dims, "float64", units if units else unit, long.format(what))
-        for triad, unit, what in _TRIADS
-        for name, dims, units, long in (
-            ("bias_unit", _VECTOR, "", "drawn {} bias of the unit"),
-            ("bias_session", _VECTOR, "", "drawn {} bias of the session"),
-            ("bias_run", _VECTOR, "", "drawn {} bias of the recording"),
-            ("matrix", _MATRIX, "1", "drawn scale and misalignment M of the {}"),
-            ("tone_phase", _VECTOR, "rad", "drawn phase of the {} tone at the start"),
-            ("ramp_sign", _VECTOR, "1", "drawn sign of the {} ramp"),
-            ("bias_per_k", _VECTOR, f"{unit} K-1", "drawn temperature coefficient of the {} bias"),
-            ("scale_per_k", _VECTOR, "K-1", "drawn temperature coefficient of the {} scale"),
-            ("g_sensitivity", _MATRIX, f"{unit} / (m s-2)", "drawn {} per specific force"),
-        )
-    },
-}
-AXES = ("forward", "right", "down")
 
 
 @dataclass(frozen=True)
@@ -213,7 +116,7 @@ def _create_array(
     shape = tuple(sizes[d] for d in variable.dims)
     shard = (layout.shard, *shape[1:])
     chunk, filters = shard, []
-    if variable.dims == _T:
+    if variable.dims == RECORDED:
         bytes_each = 12 * layout.samples
         per_chunk = max(1, int(_CHUNK_BYTES // bytes_each)) if layout.shard > 16 else 1
         while layout.shard % per_chunk:

@@ -92,8 +92,7 @@ def truth_and_closed_form(report: Report) -> None:
 
 
 def bias_leak(report: Report) -> None:
-    """Heading from the cosine and sine of the plate's angle in both horizontal rates, by least
-    squares with a constant: with and without a bias, no noise."""
+    """The heading that turning tells, with and without a bias, no noise."""
     bias = CASES["bias_deg_per_h"] * DEG / 3600
     report.line()
     report.line(f"heading moved by a bias of {CASES['bias_deg_per_h']} deg/h, deg")
@@ -106,12 +105,10 @@ def bias_leak(report: Report) -> None:
         found = motion.truth(bench, planned, 0.5718, drawn(scene, 0.4))
         middle = found.plate_angle - np.diff(found.plate_angle, prepend=0.0) / 2
         used = found.stage == (REST if values["kind"] == "indexed" else SLEW)
-        design = np.stack([np.cos(middle), np.sin(middle), np.ones(len(middle))], axis=1)[used]
-        headings = []
-        for added in (0.0, bias):
-            x, y = (found.omega_ib_b[axis][used] + added for axis in (0, 1))
-            (a, b, _), (c, d, _) = (np.linalg.lstsq(design, v, rcond=None)[0] for v in (x, y))
-            headings.append(np.arctan2(-b - c, a - d))
+        headings = [
+            closed_form.heading_from_turning(middle[used], *(found.omega_ib_b[:2, used] + added))
+            for added in (0.0, bias)
+        ]
         leaks.append(abs(float(np.rad2deg(wrap(headings[1] - headings[0])))))
         report.line(f"{name:24s}{leaks[-1]:.1e}")
     report.summary["bias_leak_max_deg"] = max(leaks)
