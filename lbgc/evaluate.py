@@ -20,7 +20,8 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import cut
 from lbgc.earth import heading_exists
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
-from lbgc.estimators import CLASSICAL, Estimator
+from lbgc.estimators import CLASSICAL
+from lbgc.estimators.estimate import Estimator
 from lbgc.learning.estimator import Learned
 from lbgc.metrics import heading_errors, summarise
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
@@ -124,7 +125,9 @@ def _evaluate(
             if len(windows) == 0:
                 continue
             for name, estimate in estimators.items():
-                wrong = heading_errors(estimate(windows), np.full(len(windows), heading))
+                wrong = heading_errors(
+                    estimate(windows, None).heading, np.full(len(windows), heading)
+                )
                 errors[name, window_s].append(wrong)
                 latitudes[name, window_s].append(windows.latitude)
     shortest = min(config.windows_s)

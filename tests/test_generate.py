@@ -185,7 +185,7 @@ def test_the_baseline_is_the_papers(tmp_path):
     """All 80 recordings of the default dataset, 240 s: the paper's median is 3.41 degrees."""
     dataset = generate(tmp_path / "d.zarr", output="means", mean_s=240.0)
     sizes = [
-        float(abs(heading_errors(mean(cut(r, 240.0)), np.array([r.heading]))[0]))
+        float(abs(heading_errors(mean(cut(r, 240.0)).heading, np.array([r.heading]))[0]))
         for r in dataset.records(np.arange(80))
     ]
     assert 2.1 < np.rad2deg(np.median(sizes)) < 4.6

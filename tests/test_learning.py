@@ -104,7 +104,7 @@ def test_the_papers_literal_form_turns_the_bias_too():
     np.testing.assert_allclose(made.gyro[0, 0], rotation_z(d).T @ original.gyro[0, 0], atol=1e-17)
     level = mock_record()
     turned = augment(config, cut(level, 25.0), NO_SENSOR, np.random.default_rng(3))
-    np.testing.assert_allclose(mean(turned), wrap(turned.heading), atol=1e-9)
+    np.testing.assert_allclose(mean(turned).heading, wrap(turned.heading), atol=1e-9)
 
 
 def test_every_copy_draws_its_own_noise_and_bias(rng):
@@ -148,7 +148,7 @@ def test_a_prediction_is_a_function_of_its_own_window_alone(unit_bias_run):
     dataset, run = unit_bias_run
     learned = Learned.load(run)
     windows = stack(list(dataset.records(dataset.in_split("test")[:40])), 0.2)
-    together = np.rad2deg(learned(windows))
+    together = np.rad2deg(learned(windows).heading)
     order = np.random.default_rng(0).permutation(40)
 
     def rows(pick) -> Windows:
@@ -158,15 +158,15 @@ def test_a_prediction_is_a_function_of_its_own_window_alone(unit_bias_run):
         }
         return Windows(**arrays)
 
-    np.testing.assert_allclose(np.rad2deg(learned(rows(order))), together[order], atol=1e-4)
-    np.testing.assert_allclose(np.rad2deg(learned(rows(slice(3)))), together[:3], atol=1e-4)
-    alone = [float(np.rad2deg(learned(rows(slice(i, i + 1))))[0]) for i in range(40)]
+    np.testing.assert_allclose(np.rad2deg(learned(rows(order)).heading), together[order], atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(learned(rows(slice(3))).heading), together[:3], atol=1e-4)
+    alone = [float(np.rad2deg(learned(rows(slice(i, i + 1))).heading)[0]) for i in range(40)]
     np.testing.assert_allclose(alone, together, atol=1e-4)
 
 
 def rmse_deg(estimate, dataset: Dataset, window_s: float) -> float:
     errors = [
-        heading_errors(estimate(w), w.heading)
+        heading_errors(estimate(w).heading, w.heading)
         for w in (cut(r, window_s) for r in dataset.records(dataset.in_split("test")))
     ]
     return float(np.rad2deg(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
@@ -185,7 +185,7 @@ def test_without_gyro_and_accelerometer_the_plate_tells_nothing(unit_bias_run):
     dataset, run = unit_bias_run
     windows = stack(list(dataset.records(dataset.in_split("test"))), 0.2)
     blind = replace(windows, gyro=0 * windows.gyro, accel=0 * windows.accel)
-    errors = heading_errors(Learned.load(run)(blind), windows.heading)
+    errors = heading_errors(Learned.load(run)(blind).heading, windows.heading)
     assert np.rad2deg(np.sqrt(np.mean(errors**2))) == pytest.approx(180 / np.sqrt(3), rel=0.1)
 
 

@@ -59,13 +59,13 @@ def test_the_papers_equation_24_is_psi_zero_with_the_other_sign():
 
 def test_the_mean_of_a_window_is_answered_for_each_row():
     windows = cut(mock_record(), 5.0)
-    np.testing.assert_allclose(mean(windows), np.deg2rad(40.0), atol=1e-9)
+    np.testing.assert_allclose(mean(windows).heading, np.deg2rad(40.0), atol=1e-9)
 
 
 def test_headings_are_those_of_the_encoders_zero():
     """A plate that had already turned when the window began: its angle is taken off again."""
     record = mock_record(plate_angle=np.full(250, 0.3))
-    np.testing.assert_allclose(mean(cut(record, 5.0)), np.deg2rad(40.0) - 0.3, atol=1e-9)
+    np.testing.assert_allclose(mean(cut(record, 5.0)).heading, np.deg2rad(40.0) - 0.3, atol=1e-9)
 
 
 def test_a_turning_plate_is_refused():

@@ -3,8 +3,9 @@
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.errors import InputError
+from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.frames import wrap
+from lbgc.sensor.imu import ImuModel
 
 _MOVED = np.deg2rad(0.01)
 
@@ -30,18 +31,19 @@ def gyrocompass(omega_ib_b: np.ndarray, roll: np.ndarray, pitch: np.ndarray) -> 
     return np.arctan2(sine, cosine)
 
 
-def mean(windows: Windows) -> np.ndarray:
+def mean(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """The paper's baseline: levelling, then gyrocompassing, on the window's mean.
 
     Raises InputError where the plate turns within a window: the mean rate is then not Earth's.
     """
     travel = np.ptp(windows.plate_angle, axis=1)
     if travel.max(initial=0.0) > _MOVED:
-        raise InputError(
-            "estimator 'mean'",
+        raise refusal(
+            "mean",
             f"{np.rad2deg(travel.max()):.3g}",
             "deg",
             "of plate travel within a window: it takes windows at rest only",
         )
     heading = gyrocompass(windows.gyro.mean(axis=1), *level(windows.accel.mean(axis=1)))
-    return wrap(heading - windows.plate_angle.mean(axis=1))
+    heading = wrap(heading - windows.plate_angle.mean(axis=1))
+    return Estimate(heading, np.full(len(windows), np.nan))

@@ -10,7 +10,10 @@ from safetensors.torch import load_file
 
 from lbgc.data.windows import Windows, at_rate
 from lbgc.errors import InputError, build, require
+from lbgc.estimators.estimate import Estimate
+from lbgc.frames import wrap
 from lbgc.learning.model import HeadingNet, ModelConfig, features, make
+from lbgc.sensor.imu import ImuModel
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
 FORMAT = 1
@@ -45,8 +48,8 @@ class Learned:
     def name(self) -> str:
         return self.net.config.name
 
-    def __call__(self, windows: Windows) -> np.ndarray:
-        """Heading when the encoder reads zero, (W,), rad.
+    def __call__(self, windows: Windows, imu: ImuModel | None = None) -> Estimate:
+        """The network's heading; it states no sigma.
 
         Raises InputError where the windows' rate is no whole multiple of the model's, where they
         are too short, or where a value is not finite.
@@ -61,4 +64,5 @@ class Learned:
         x = features(self.net.config, at_rate(windows, self.rate_hz))
         with torch.inference_mode():
             heading = self.net.heading_deg(self.net(torch.from_numpy(x)))
-        return np.deg2rad(heading.double().numpy())
+        answer = wrap(np.deg2rad(heading.double().numpy()))
+        return Estimate(answer, np.full(len(windows), np.nan))

@@ -6,7 +6,7 @@ import numpy as np
 
 from lbgc import units
 from lbgc.errors import Axes, require, require_not_negative
-from lbgc.sensor.imu import Timing, Triad, Triple
+from lbgc.sensor.imu import Disturbance, ImuModel, Timing, Triad, Triple
 
 
 @dataclass(frozen=True)
@@ -261,6 +261,11 @@ class ImuConfig:
     temperature: TemperatureConfig = field(default_factory=TemperatureConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
     accel: AccelConfig = field(default_factory=AccelConfig)
+
+    def model(self, rate_hz: float) -> ImuModel:
+        """In SI units, of a sensor that samples at this rate (Hz)."""
+        warming = Disturbance(None, **vars(self.temperature))
+        return ImuModel(self.gyro.triad(), self.accel.triad(), 1 / rate_hz, warming)
 
 
 _MUST_BE_POSITIVE = ("lsb", "range", "flicker", "bandwidth", "damping", "gauss_markov_s")

@@ -343,3 +343,14 @@ class Triad:
             f"{what} {value / scale:.3g} {unit}, so this {why}, which means cannot represent; "
             "use output=samples, or null for this key",
         )
+
+
+@dataclass(frozen=True)
+class ImuModel:
+    """What is known of a sensor before it is read: the laws that its errors are drawn from."""
+
+    gyro: Triad
+    accel: Triad
+    dt: float
+    """s: interval of the sensor's own samples, by which counts are read"""
+    warming: Disturbance = field(default_factory=Disturbance)

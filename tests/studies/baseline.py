@@ -36,7 +36,7 @@ def dataset(config: GenerateConfig, name: str) -> Dataset:
 def errors(data: Dataset, estimate, window_s: float, split: str) -> np.ndarray:
     return np.concatenate(
         [
-            heading_errors(estimate(windows), windows.heading)
+            heading_errors(estimate(windows).heading, windows.heading)
             for windows in (cut(r, window_s) for r in data.records(data.in_split(split)))
         ]
     )

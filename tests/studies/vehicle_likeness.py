@@ -66,7 +66,7 @@ def baseline_figures(record: Record, truth: float) -> np.ndarray:
             means[..., :3], means[..., 3:], np.zeros((n, 1)), 1 / window,
             *np.full((3, n), np.nan), np.zeros(n),
         )  # fmt: skip
-        error = np.abs(np.rad2deg(heading_errors(mean(windows), np.full(n, truth))))
+        error = np.abs(np.rad2deg(heading_errors(mean(windows).heading, np.full(n, truth))))
         table.append([*np.percentile(error, [50, 75, 90]), np.sqrt(np.mean(error**2))])
     return np.array(table)
 
