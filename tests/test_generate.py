@@ -199,7 +199,7 @@ def test_fifty_experiments_agree_on_the_median(tmp_path):
         config = replace(default_config(), output="means", mean_s=240.0, seed=seed)
         rows = [recording(config, i) for i in range(80)]
         gyro, accel = (np.array([r[n] for r in rows]) for n in ("gyro", "accel"))
-        from lbgc.estimators.static import gyrocompass, level
+        from lbgc.estimators.level import gyrocompass, level
 
         estimate = gyrocompass(gyro[:, 0], *level(accel[:, 0]))
         errors = wrap(estimate - [r["heading"] for r in rows])

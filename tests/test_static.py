@@ -9,7 +9,8 @@ from lbgc.data.record import mock_record
 from lbgc.data.windows import cut
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
-from lbgc.estimators.static import gyrocompass, level, mean
+from lbgc.estimators.level import gyrocompass, level
+from lbgc.estimators.static import mean
 from lbgc.frames import euler_to_matrix, wrap
 
 ANY_HEADING = np.deg2rad(np.arange(0.0, 360.0, 7.5))

@@ -3,47 +3,80 @@
 import numpy as np
 
 from lbgc.data.windows import Windows
+from lbgc.earth import earth_rate_ned, normal_gravity
+from lbgc.estimators.course import levelled
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.frames import wrap
+from lbgc.estimators.indexed import answer, check, needs_model, plain, weighted
+from lbgc.estimators.information import Site
+from lbgc.estimators.level import gyrocompass, level
+from lbgc.frames import matrix_to_euler, wrap
 from lbgc.sensor.imu import ImuModel
 
 _MOVED = np.deg2rad(0.01)
 
 
-def level(f_ib_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Roll and pitch from specific force at rest (the paper's eqs. 10-11; Groves 2013, eq. 5.101).
-
-    f_ib_b : (W, 3), m/s^2. Returns rad, (W,) each. They do not depend on g.
-    """
-    x, y, z = f_ib_b[:, 0], f_ib_b[:, 1], f_ib_b[:, 2]
-    return np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z))
-
-
-def gyrocompass(omega_ib_b: np.ndarray, roll: np.ndarray, pitch: np.ndarray) -> np.ndarray:
-    """Heading from Earth's rate and a known level (the paper's eqs. 14-16; Groves 2013, eq. 5.105).
-
-    omega_ib_b : (W, 3), rad/s; roll, pitch : (W,), rad. Returns heading, rad, (W,). It needs no
-    latitude, and works in both hemispheres: its signal is Omega cos(lat).
-    """
-    x, y, z = omega_ib_b[:, 0], omega_ib_b[:, 1], omega_ib_b[:, 2]
-    sine = -y * np.cos(roll) + z * np.sin(roll)
-    cosine = x * np.cos(pitch) + y * np.sin(roll) * np.sin(pitch) + z * np.cos(roll) * np.sin(pitch)
-    return np.arctan2(sine, cosine)
-
-
 def mean(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """The paper's baseline: levelling, then gyrocompassing, on the window's mean.
+    """The paper's baseline: levelling, then gyrocompassing, on the window's mean; at any tilt.
+
+    Its sigma is for a base that is nearly level: by the sensor's model where that is known, else by
+    the window's own scatter, which shows white noise and no bias.
 
     Raises InputError where the plate turns within a window: the mean rate is then not Earth's.
     """
+    _at_rest("mean", windows)
+    heading = gyrocompass(windows.gyro.mean(axis=1), *level(windows.accel.mean(axis=1)))
+    heading = wrap(heading - windows.plate_angle.mean(axis=1))
+    return Estimate(heading, _sigma(windows, imu))
+
+
+def triad(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Dual-vector coarse alignment (Black 1964's TRIAD): the attitude that takes the measured
+    force to gravity exactly, and the measured rate into the meridian's plane.
+
+    Its heading is the mean's, algebraically; it comes by the attitude matrix, so by the latitude.
+    """
+    check("triad", windows)
+    _at_rest("triad", windows)
+    force, rate = windows.accel.mean(axis=1), windows.gyro.mean(axis=1)
+    body = _triad(force, rate)
+    up = np.broadcast_to([0.0, 0.0, -1.0], force.shape)
+    c_nb = _triad(up, earth_rate_ned(windows.latitude)) @ np.swapaxes(body, -1, -2)
+    heading = wrap(matrix_to_euler(c_nb)[2] - windows.plate_angle.mean(axis=1))
+    return Estimate(heading, _sigma(windows, imu))
+
+
+def gls(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Generalised least squares: the most likely heading under the sensor's full Gaussian model,
+    biases at their stated sizes. The plate may rest or turn; its base leans by 10 degrees at most.
+    """
+    model = needs_model("gls", imu)
+    return answer(windows, model, lambda part, site: weighted(part, site, model, False), "gls")
+
+
+def _at_rest(name: str, windows: Windows) -> None:
     travel = np.ptp(windows.plate_angle, axis=1)
     if travel.max(initial=0.0) > _MOVED:
         raise refusal(
-            "mean",
+            name,
             f"{np.rad2deg(travel.max()):.3g}",
             "deg",
             "of plate travel within a window: it takes windows at rest only",
         )
-    heading = gyrocompass(windows.gyro.mean(axis=1), *level(windows.accel.mean(axis=1)))
-    heading = wrap(heading - windows.plate_angle.mean(axis=1))
-    return Estimate(heading, np.full(len(windows), np.nan))
+
+
+def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The axes (W, 3, 3), as columns, that two vectors (W, 3) span, the first one exactly."""
+    x = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    y = np.cross(x, second)
+    y /= np.linalg.norm(y, axis=-1, keepdims=True)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _sigma(windows: Windows, imu: ImuModel | None) -> np.ndarray:
+    """(W,), rad, of the plain mean."""
+    sigma = np.empty(len(windows))
+    for part in levelled(windows):
+        latitude = float(windows.latitude[part.rows[0]])
+        site = Site(latitude, normal_gravity(latitude))
+        sigma[part.rows] = plain(part, site, False, imu).sigma
+    return sigma

@@ -13,7 +13,7 @@ import numpy as np
 from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import require_choice, require_not_negative
-from lbgc.estimators.static import level
+from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix, rotation_z
 from lbgc.sensor.imu import Triad
 

@@ -152,14 +152,19 @@ def sample_means(
     return sample(terms, rng, shape, dt * block)
 
 
-def covariance_of_means(terms: Gaussians, n: int, dt: float, block: int = 1) -> np.ndarray:
-    """Covariance of n consecutive means over `block` samples each, from the recording's start.
+def covariance_of_means(
+    terms: Gaussians, n: int, dt: float, block: int = 1, start: int = 0
+) -> np.ndarray:
+    """Covariance of n consecutive means over `block` samples each.
 
-    Returns (n, n), unit^2: cov(y_j, y_k) = C A^(k-j-1) (A P_j C' + S) for j < k, with P_j the
-    covariance of the state at the start of block j.
+    start : how many such blocks after the recording's start they begin; a random walk has gone far
+    by then. Returns (n, n), unit^2: cov(y_j, y_k) = C A^(k-j-1) (A P_j C' + S) for j < k, with P_j
+    the covariance of the state at the start of block j.
     """
     model = _sum_model(terms, dt * block)
     P, states = model.P0, len(model.C)
+    for _ in range(start):
+        P = model.A @ P @ model.A.T + model.Q
     decay, toward = np.empty((n, states)), np.empty((n, states))
     covariance = np.zeros((n, n))
     power = np.eye(states)

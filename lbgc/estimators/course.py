@@ -1,0 +1,149 @@
+"""How a window's blocks lie in time and on the plate, and its sensors' means over them, levelled.
+
+Whatever asks a window of a level or nearly level bench for its heading sees it so: some hundred
+block means, in axes that are level and turn with the plate.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.estimators.level import level
+from lbgc.frames import euler_to_matrix
+
+MOST_BLOCKS = 240
+_MOVES = np.deg2rad(0.01)
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where n blocks of one window lie. Hashable, so that what follows from it is worked out once
+    for all windows that are alike."""
+
+    interval: float
+    """s, of a block"""
+    start: int
+    """blocks between the recording's start and the window's"""
+    blocks: tuple[int, ...]
+    """which of the window's blocks these are, (n,)"""
+    angle: tuple[float, ...]
+    """(n,), rad, the plate's, mean over the block"""
+    rate: tuple[float, ...]
+    """(n,), rad/s, the plate's; zero at rest"""
+
+    @property
+    def c(self) -> np.ndarray:
+        """Mean of cos(plate angle) over each block, (n,): it turns evenly within one."""
+        return np.cos(self.angle) * self._shortened
+
+    @property
+    def s(self) -> np.ndarray:
+        return np.sin(self.angle) * self._shortened
+
+    @property
+    def _shortened(self) -> np.ndarray:
+        return np.sinc(np.array(self.rate) * self.interval / (2 * np.pi))
+
+    @property
+    def resting(self) -> np.ndarray:
+        return np.array(self.rate) == 0.0
+
+    def only(self, which: np.ndarray) -> "Course":
+        """The part of it where `which`, bool (n,), is true."""
+        kept = [np.array(part)[which].tolist() for part in (self.blocks, self.angle, self.rate)]
+        return Course(self.interval, self.start, *(tuple(part) for part in kept))
+
+    @classmethod
+    def planned(cls, angle: np.ndarray, interval: float, start_s: float = 0.0) -> "Course":
+        """Of block means of the plate's angle, (n,), rad, unwrapped.
+
+        Blocks in which the plate speeds up or slows down are left out: a gyro's misalignment times
+        a slew's unsteady rate is far above what they could tell of north.
+        """
+        before = np.diff(angle, prepend=angle[:1] - np.diff(angle[:2]))
+        after = np.diff(angle, append=angle[-1:] + np.diff(angle[-2:]))
+        steady = np.abs(after - before) < _MOVES
+        turning = (after + before) / 2
+        rate = np.where(np.abs(turning) > _MOVES, turning / interval, 0.0)
+        start = round(start_s / interval)
+        every = cls(interval, start, tuple(range(len(angle))), tuple(angle), tuple(rate))
+        return every.only(steady)
+
+
+@dataclass(frozen=True)
+class Levelled:
+    """Windows that share a course."""
+
+    course: Course
+    rows: np.ndarray
+    """which windows these are, (V,)"""
+    data: np.ndarray
+    """(V, 4, n): forward and right rate, rad/s, forward and right specific force, m/s^2, in level
+    axes that turn with the plate; the plate's own rate taken off"""
+    tilt: np.ndarray
+    """(V,), rad, of the base"""
+
+
+def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
+    """The windows by course. sample_s : the sensor's own interval, if the windows hold means.
+
+    The base's tilt is levelled out exactly, by its mean specific force in the base's axes; what it
+    leaves is small, and linear models (lbgc.estimators.information) may have it.
+    """
+    size = _block(windows.gyro.shape[1], MOST_BLOCKS)
+    w, n = len(windows), windows.gyro.shape[1] // size
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return values.reshape(w, n, size, *values.shape[2:]).mean(axis=2, dtype=np.float64)
+
+    # An encoder is read at a sample's end; its mean over the sample is half a step earlier.
+    late = 0.5 if sample_s is None else 0.5 * sample_s * windows.rate_hz
+    angle = mean(windows.plate_angle - late * _steps(windows.plate_angle))
+    gyro, accel = mean(windows.gyro), mean(windows.accel)
+    interval = size / windows.rate_hz
+    turning = np.gradient(angle, interval, axis=1) if n > 1 else np.zeros_like(angle)
+    gyro[..., 2] -= turning
+    tilt = _tilt(angle, accel)
+    data = np.concatenate([_turned_level(v, angle, tilt) for v in (gyro, accel)], axis=1)
+    lean = np.arccos(np.clip(tilt[:, 2, 2], -1, 1))
+    groups: dict[Course, list[int]] = {}
+    for row in range(w):
+        course = Course.planned(angle[row].round(9), interval, float(windows.start_s[row]))
+        groups.setdefault(course, []).append(row)
+    return [
+        Levelled(c, np.array(rows), data[rows][:, :, list(c.blocks)], lean[rows])
+        for c, rows in groups.items()
+    ]
+
+
+def _block(samples: int, most: int) -> int:
+    """Samples of a block: the fewest that divide the window into at most `most`."""
+    return next(k for k in range(-(-samples // most), samples + 1) if samples % k == 0)
+
+
+def _steps(angle: np.ndarray) -> np.ndarray:
+    """Each sample's travel, (W, T), rad."""
+    travel = np.diff(angle, axis=1, prepend=angle[:, :1])
+    if angle.shape[1] > 1:
+        travel[:, 0] = travel[:, 1]
+    return travel
+
+
+def _tilt(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
+    """From the base's axes to level ones, (W, 3, 3)."""
+    x, y, z = (_to_base(accel, angle)[..., i].mean(axis=1) for i in (0, 1, 2))
+    return euler_to_matrix(*level(np.stack([x, y, z], axis=-1)), 0.0)
+
+
+def _to_base(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Body axes to the base's, about the plate's: (W, n, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = np.moveaxis(values, -1, 0)
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
+
+
+def _turned_level(values: np.ndarray, angle: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """The horizontal part in level axes that turn with the plate: (W, n, 3) -> (W, 2, n)."""
+    level_axes = np.einsum("wij,wnj->wni", tilt, _to_base(values, angle))
+    return np.moveaxis(_to_base(level_axes, -angle)[..., :2], -1, 1)

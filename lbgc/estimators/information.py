@@ -1,0 +1,269 @@
+"""What block means tell of the heading, when every error is Gaussian: the one linear model that the
+weighted estimators answer by, that plain ones take their sigma from, and that the bound is made of.
+
+In level axes that turn with the plate, with q = (cos psi, sin psi), theta the plate's angle and t
+the tilt that levelling left (small, unknown, the same in the base's axes all the time),
+
+    rate_k  = Omega cos(lat) R(theta_k) q - Omega sin(lat) P(theta_k) t + errors
+    force_k =                                          -g  P(theta_k) t + errors
+
+    R = [[cos, -sin], [-sin, -cos]],   P = [[cos, sin], [-sin, cos]]
+
+so the data d have a mean that is linear in (q, t) and a covariance C that is the sensor's alone.
+With D the design, J = D' C^-1 D is the information and h = D' C^-1 d all that the data tell; a flat
+prior on t takes it out by the Schur complement. What remains is a 2-vector h and a 2 x 2 matrix J:
+
+    log p(psi | d) = q' h - q' J q / 2 + constant
+
+Gyros' errors: the in-run terms with their exact covariance of block means; biases by lifetime;
+misalignment of x and y towards z times the vertical rate (Earth's, and the plate's); scale and
+cross-axis errors times the horizontal rate, averaged over headings; g-sensitivity times gravity;
+warming up. Accelerometers': the same, and the force of a lever arm of unknown length (0.3 m).
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from lbgc.earth import EARTH_RATE
+from lbgc.estimators.course import Course
+from lbgc.estimators.estimate import Estimate
+from lbgc.frames import wrap
+from lbgc.sensor import gaussian, noise
+from lbgc.sensor.imu import ImuModel, Triad
+
+LIFETIMES = ("unit", "session", "run")
+_LEVER_M = 0.3
+_LEAST = (1e-12, 1e-9)
+"""rad/s and m/s^2: sensors without any error have no covariance to invert; far below all others."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a window was taken."""
+
+    latitude: float
+    """rad"""
+    gravity: float
+    """m/s^2"""
+
+    @property
+    def north(self) -> float:
+        """Earth's horizontal rate, rad/s."""
+        return EARTH_RATE * float(np.cos(self.latitude))
+
+    @property
+    def down(self) -> float:
+        """Its vertical rate about the down axis, rad/s."""
+        return -EARTH_RATE * float(np.sin(self.latitude))
+
+
+def known(imu: ImuModel, lifetimes: tuple[str, ...]) -> ImuModel:
+    """The sensor when everything that lasts that long has been calibrated away."""
+    none = (0.0, 0.0, 0.0)
+    gone: dict[str, Any] = {f"bias_{name}": none for name in lifetimes}
+    if "unit" in lifetimes:
+        of_unit = ("scale_unit", "misalignment_unit", "g_sensitivity", "bias_per_k", "scale_per_k")
+        gone |= dict.fromkeys(of_unit, none)
+    return replace(imu, gyro=replace(imu.gyro, **gone), accel=replace(imu.accel, **gone))
+
+
+def sources(imu: ImuModel, course: Course, site: Site) -> dict[str, np.ndarray]:
+    """Covariance of the data by what causes it, each (4, n, n): the channels are independent of
+    each other. (rad/s)^2 for the first two, (m/s^2)^2 for the others."""
+    rate = np.array(course.rate)
+    gyro = _triad_sources(imu, imu.gyro, course, site.down + rate, site.north, site.gravity)
+    accel = _triad_sources(imu, imu.accel, course, -site.gravity + 0 * rate, 0.0, 0.0)
+    accel["lever arm"] = _LEVER_M**2 * _constant(course, rate**2)
+    n = len(rate)
+    every = {name: np.zeros((4, n, n)) for name in (*gyro, *(f"accelerometer {a}" for a in accel))}
+    for name, covariance in gyro.items():
+        every[name][:2] = covariance
+    for name, covariance in accel.items():
+        every[f"accelerometer {name}"][2:] = covariance
+    return every
+
+
+def _constant(course: Course, pattern: np.ndarray) -> np.ndarray:
+    """Of one unknown figure times a known pattern (n,): (2, n, n)."""
+    one = np.outer(pattern, pattern)
+    return np.stack([one, one])
+
+
+def _triad_sources(
+    imu: ImuModel, triad: Triad, course: Course, vertical: np.ndarray, north: float, g: float
+) -> dict[str, np.ndarray]:
+    """Of the x and y axes, (2, n, n) each. vertical : (n,), what the z axis feels."""
+    n = len(course.blocks)
+    one, angle = np.ones(n), np.array(course.angle)
+
+    def scaled(sizes: tuple[float, ...], pattern: np.ndarray) -> np.ndarray:
+        return np.array(sizes[:2])[:, None, None] ** 2 * _constant(course, pattern)
+
+    found = {f"bias of the {name}": scaled(getattr(triad, f"bias_{name}"), one)
+             for name in LIFETIMES}  # fmt: skip
+    across = north**2 / 2 * np.cos(np.subtract.outer(angle, angle))  # averaged over headings
+    errors = np.square(triad.scale_unit[:2]) + np.square(triad.misalignment_unit[:2])
+    found["scale and misalignment"] = (
+        scaled(triad.misalignment_unit, vertical) + errors[:, None, None] * across
+    )
+    found["g-sensitivity"] = scaled(triad.g_sensitivity, g * one)
+    last = course.start + course.blocks[-1] + 1
+    warmth = imu.warming.rise(last, course.interval)[course.start + np.array(course.blocks)]
+    found["warming up"] = scaled(triad.bias_per_k, warmth)
+    names = {noise.White: "white noise", noise.BandLimited: "white noise",
+             noise.Flicker: "bias instability", noise.RandomWalk: "random walk"}  # fmt: skip
+    for axis in (0, 1):
+        for term in triad.terms[axis]:
+            name = names.get(type(term), "other noise")
+            found.setdefault(name, np.zeros((2, n, n)))[axis] += _of_term(term, course)
+        other = found.setdefault("other noise", np.zeros((2, n, n)))
+        other[axis] += _not_gaussian(imu, triad, axis, course)
+    return found
+
+
+@lru_cache(maxsize=256)
+def _of_term(term: gaussian.GaussianTerm, course: Course) -> np.ndarray:
+    blocks = np.array(course.blocks)
+    whole = gaussian.covariance_of_means((term,), blocks[-1] + 1, course.interval, 1, course.start)
+    return whole[np.ix_(blocks, blocks)]
+
+
+def _not_gaussian(imu: ImuModel, triad: Triad, axis: int, course: Course) -> np.ndarray:
+    """Of tone, ramp and counting, by their second moments."""
+    blocks = course.start + np.array(course.blocks)
+    count, n = blocks[-1] + 1, len(blocks)
+    covariance = np.zeros((n, n))
+    if triad.tone[axis] > 0:
+        lag = np.subtract.outer(blocks, blocks) * course.interval
+        tone = triad.tone_of(axis)
+        power = (tone.amplitude * np.sinc(tone.f * course.interval)) ** 2 / 2
+        covariance += power * np.cos(2 * np.pi * tone.f * lag)
+    if triad.R[axis] > 0:
+        ramp = noise.Ramp(triad.R[axis]).with_sign(np.ones(()), count, course.interval)[blocks]
+        covariance += np.outer(ramp, ramp)
+    if triad.carried_lsb is not None:
+        covariance += _of_term(noise.AngleQuantisation(triad.carried_lsb / np.sqrt(12)), course)
+    elif triad.lsb is not None:
+        covariance += np.eye(n) * triad.lsb**2 * imu.dt / (12 * course.interval)
+    return covariance
+
+
+@lru_cache(maxsize=64)
+def covariance(imu: ImuModel, course: Course, site: Site) -> np.ndarray:
+    """Of the data, (4, n, n)."""
+    total = np.sum(list(sources(imu, course, site).values()), axis=0)
+    least = np.repeat(np.square(_LEAST), 2)[:, None, None]
+    return total + least * np.eye(total.shape[-1])
+
+
+def turn(course: Course, site: Site) -> np.ndarray:
+    """Design of the data, (4, n, 4), for (q, t): see the module."""
+    c, s, none = course.c, course.s, np.zeros(len(course.blocks))
+    R = np.array([[c, -s], [-s, -c]])
+    P = np.array([[c, s], [-s, c]])
+    rows = [
+        [*(site.north * R[axis]), *(site.down * P[axis])] for axis in (0, 1)
+    ] + [[none, none, *(-site.gravity * P[axis])] for axis in (0, 1)]  # fmt: skip
+    return np.moveaxis(np.array(rows), 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What data (V, 4, n) tell: h = sum of weights x data, and J."""
+
+    weights: np.ndarray
+    """(2, 4, n)"""
+    J: np.ndarray
+    """(2, 2)"""
+
+    def told(self, data: np.ndarray) -> np.ndarray:
+        """h, (V, 2)."""
+        return np.einsum("ian,van->vi", self.weights, data)
+
+    def sigma(self, heading: np.ndarray) -> np.ndarray:
+        """Of a heading, rad, when errors are small: 1/sqrt(n' J n), n across it."""
+        n = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+        return 1 / np.sqrt(np.einsum("...i,ij,...j->...", n, self.J, n))
+
+
+@lru_cache(maxsize=64)
+def information(imu: ImuModel, course: Course, site: Site, free_bias: bool = False) -> Information:
+    """Of all blocks of the course. free_bias : with a constant of unknown size on each gyro, which
+    is what an estimator assumes that is not told how large a bias can be."""
+    design, C = turn(course, site), covariance(imu, course, site)
+    n, columns = len(course.blocks), 6 if free_bias else 4
+    full = np.zeros((4, n, columns))
+    full[..., :4] = design
+    if free_bias:
+        full[0, :, 4] = full[1, :, 5] = 1.0
+    weights, J = np.zeros((columns, 4, n)), np.zeros((columns, columns))
+    for channel in range(4):
+        factor = scipy.linalg.cho_factor(C[channel], lower=True)
+        weights[:, channel] = scipy.linalg.cho_solve(factor, full[channel]).T
+        J += weights[:, channel] @ full[channel]
+    nuisance = slice(2, columns)
+    # scaled, since tilts and rates differ by five orders of magnitude
+    size = np.sqrt(np.diag(J))
+    out = np.linalg.solve((J / np.outer(size, size))[nuisance, nuisance],
+                          (J[:2, nuisance] / size[nuisance]).T).T / size[nuisance]  # fmt: skip
+    reduced = weights[:2] - np.tensordot(out, weights[nuisance], axes=1)
+    J = J[:2, :2] - out @ J[nuisance, :2]
+    return Information(reduced, (J + J.T) / 2)
+
+
+_GRID = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+_NARROW = np.deg2rad(3.0)
+
+
+def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """The heading of the largest log p, (V,): on a grid, then Newton's steps."""
+    psi = _GRID[np.argmax(_log_p(h, J, np.broadcast_to(_GRID, (len(h), len(_GRID)))), axis=1)]
+    for _ in range(6):
+        q = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
+        n = np.stack([-q[:, 1], q[:, 0]], axis=-1)
+        slope = np.sum(n * (h - q @ J), axis=1)
+        curvature = np.sum(q * (h - q @ J), axis=1) + np.sum((n @ J) * n, axis=1)
+        psi = psi + np.clip(slope / np.maximum(curvature, 1e-30), -0.01, 0.01)
+    return wrap(psi)
+
+
+def _log_p(h: np.ndarray, J: np.ndarray, psi: np.ndarray) -> np.ndarray:
+    """psi : (V, G)."""
+    c, s = np.cos(psi), np.sin(psi)
+    quadratic = J[0, 0] * c * c + 2 * J[0, 1] * c * s + J[1, 1] * s * s
+    return h[:, :1] * c + h[:, 1:] * s - quadratic / 2
+
+
+def likeliest(h: np.ndarray, J: np.ndarray, information: Information) -> Estimate:
+    """The most likely heading, and its sigma by the curvature there."""
+    heading = mode(h, J)
+    return Estimate(heading, information.sigma(heading))
+
+
+def bayes(h: np.ndarray, J: np.ndarray, chunk: int = 4096) -> Estimate:
+    """The Bayes-optimal estimate: with a flat prior on the circle the posterior's circular mean,
+    which minimises the mean of 1 - cos(error); and the posterior's RMS error about it."""
+    parts = [_bayes(h[i : i + chunk], J) for i in range(0, len(h), chunk)]
+    heading, sigma = (np.concatenate(p) for p in zip(*parts, strict=True))
+    return Estimate(heading, sigma)
+
+
+def _bayes(h: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    at = mode(h, J)
+    n = np.stack([-np.sin(at), np.cos(at)], axis=-1)
+    width = 1 / np.sqrt(np.sum((n @ J) * n, axis=1))
+    narrow = width < _NARROW  # all of it within nine widths, which a grid of the circle would miss
+    spread = np.where(narrow, 9 * width, np.pi)
+    steps = (np.arange(720) + 0.5) / 360 - 1
+    psi = at[:, None] + spread[:, None] * steps
+    log_p = _log_p(h, J, psi)
+    p = np.exp(log_p - log_p.max(axis=1, keepdims=True))
+    p /= p.sum(axis=1, keepdims=True)
+    off = psi - at[:, None]
+    mean = np.arctan2(np.sum(p * np.sin(off), axis=1), np.sum(p * np.cos(off), axis=1))
+    sigma = np.sqrt(np.sum(p * wrap(off - mean[:, None]) ** 2, axis=1))
+    return wrap(at + mean), sigma

@@ -1,0 +1,24 @@
+"""Attitude of a resting IMU from one specific force and one rate."""
+
+import numpy as np
+
+
+def level(f_ib_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch from specific force at rest (the paper's eqs. 10-11; Groves 2013, eq. 5.101).
+
+    f_ib_b : (W, 3), m/s^2. Returns rad, (W,) each. They do not depend on g.
+    """
+    x, y, z = f_ib_b[:, 0], f_ib_b[:, 1], f_ib_b[:, 2]
+    return np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z))
+
+
+def gyrocompass(omega_ib_b: np.ndarray, roll: np.ndarray, pitch: np.ndarray) -> np.ndarray:
+    """Heading from Earth's rate and a known level (the paper's eqs. 14-16; Groves 2013, eq. 5.105).
+
+    omega_ib_b : (W, 3), rad/s; roll, pitch : (W,), rad. Returns heading, rad, (W,). It needs no
+    latitude, and works in both hemispheres: its signal is Omega cos(lat).
+    """
+    x, y, z = omega_ib_b[:, 0], omega_ib_b[:, 1], omega_ib_b[:, 2]
+    sine = -y * np.cos(roll) + z * np.sin(roll)
+    cosine = x * np.cos(pitch) + y * np.sin(roll) * np.sin(pitch) + z * np.cos(roll) * np.sin(pitch)
+    return np.arctan2(sine, cosine)
