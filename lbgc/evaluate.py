@@ -4,28 +4,37 @@ python lbgc/evaluate.py data=PATH run=RUN
 python lbgc/evaluate.py log=lasergyro
 """
 
+import csv
+import io
 import json
+import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from lbgc.bound import floor
 from lbgc.data import logs
 from lbgc.data.record import Record
 from lbgc.data.schema import SPLITS
 from lbgc.data.store import Dataset
-from lbgc.data.windows import cut
+from lbgc.data.windows import Windows, cut
 from lbgc.earth import heading_exists
-from lbgc.errors import InputError, require, require_choice, require_positive, run_main
+from lbgc.errors import InputError, build, require, require_choice, require_positive, run_main
 from lbgc.estimators import CLASSICAL
-from lbgc.estimators.estimate import Estimator
+from lbgc.estimators.estimate import Estimate, Estimator
 from lbgc.learning.estimator import Learned
-from lbgc.metrics import heading_errors, summarise
+from lbgc.metrics import Summary, heading_errors, summarise, time_to_reach
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import ImuModel
+
+KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
+"""The floor is no estimator that one could have: it is told the sensor's law."""
 
 
 @dataclass(frozen=True)
@@ -39,30 +48,44 @@ class EvaluateConfig:
     run: str | None = None
     """A training run's directory, to evaluate its model too."""
     estimators: list[str] = field(default_factory=lambda: ["mean"])
-    """Classical ones."""
+    """Classical ones, and the floor."""
+    estimator: str | None = None
+    """One of them, or all; instead of the list."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 240.0])
     """Window lengths."""
     split: str = "test"
     """Of the dataset."""
     against: str = "truth"
     """truth or reference: what a dataset's errors are taken from. Real logs have a reference."""
+    reach_deg: list[float] = field(default_factory=lambda: [5.0, 2.0, 1.0, 0.5, 0.1])
+    """Errors for which the table of times says how long a window must be."""
 
     def __post_init__(self) -> None:
         one = (self.data is None) != (self.log is None)
         given = "both" if self.log is not None else "nothing"
         require(one, "data or log", given, "give one: data=PATH, or log=NAME")
         for name in self.estimators:
-            require_choice("estimators", name, list(CLASSICAL))
+            require_choice("estimators", name, list(KNOWN))
+        if self.estimator is not None:
+            require_choice("estimator", self.estimator, ("all", *KNOWN))
+        for error in self.reach_deg:
+            require_positive("reach_deg", error)
         require_choice("split", self.split, SPLITS)
         require_choice("against", self.against, ("truth", "reference"))
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
             require_positive("windows_s", window)
 
+    @property
+    def asked(self) -> list[str]:
+        if self.estimator is None:
+            return self.estimators
+        return list(KNOWN) if self.estimator == "all" else [self.estimator]
+
 
 def main(config: EvaluateConfig) -> Path:
-    """Evaluate, write results.json and report.html, print the table; return the report's path."""
-    estimators: dict[str, Estimator] = {name: CLASSICAL[name] for name in config.estimators}
+    """Evaluate, print the table and write what there is to say; return the report's path."""
+    estimators: dict[str, Estimator] = {name: KNOWN[name] for name in config.asked}
     learned = None if config.run is None else Learned.load(config.run)
     subject, records, count = _subject(config)
     if learned is not None:
@@ -70,10 +93,13 @@ def main(config: EvaluateConfig) -> Path:
         subject.notes.append(
             f"{learned.name} was trained on simulated recordings of {learned.sensor}"
         )
-    result = _evaluate(config, estimators, subject, records, count)
+    result, evaluation = _evaluate(config, estimators, subject, records, count)
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
-    write_atomically(directory / "results.json", json.dumps(_as_json(config, result), indent=2))
+    write_atomically(
+        directory / "results.json", json.dumps(_as_json(config, result, evaluation), indent=2)
+    )
+    write_atomically(directory / "windows.csv", _csv(evaluation))
     for line in result.notes:
         print(line)
     print(table(result))
@@ -94,16 +120,93 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Record], int]:
     indices = dataset.in_split(config.split)
     require(len(indices) > 0, "split", config.split, "has no recordings in this dataset")
     sample = list(dataset.records(indices[:16]))
+    configuration = dataset.configuration
     subject = Subject(
         f"{dataset.path}, {config.split} split",
         config.against,
         [],
         sample,
         identity=dataset.identity,
-        configuration=dataset.configuration,
+        configuration=configuration,
+        imu=build(ImuConfig, configuration["imu"]).model(float(configuration["rate_hz"])),
         picture=dataset.path.with_suffix(".png"),
     )
     return subject, dataset.records(indices), len(indices)
+
+
+@dataclass
+class _Answers:
+    """Of one estimator at one window length, recording by recording."""
+
+    errors: list[np.ndarray] = field(default_factory=list)
+    sigma: list[np.ndarray] = field(default_factory=list)
+    estimate: list[np.ndarray] = field(default_factory=list)
+    latitude: list[np.ndarray] = field(default_factory=list)
+    heading: list[np.ndarray] = field(default_factory=list)
+    start_s: list[np.ndarray] = field(default_factory=list)
+    recording: list[np.ndarray] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def add(
+        self, estimate: Estimate, windows: Windows, heading: float, recording: int, seconds: float
+    ) -> None:
+        truth = np.full(len(windows), heading)
+        self.errors.append(heading_errors(estimate.heading, truth))
+        self.sigma.append(estimate.sigma)
+        self.estimate.append(estimate.heading)
+        self.latitude.append(windows.latitude)
+        self.heading.append(truth)
+        self.start_s.append(windows.start_s)
+        self.recording.append(np.full(len(windows), recording))
+        self.seconds += seconds
+
+    def all_of(self, name: str) -> np.ndarray:
+        return np.concatenate(getattr(self, name))
+
+    def summary(self) -> Summary:
+        names = ("errors", "latitude", "sigma", "recording")
+        errors, latitude, sigma, recording = (self.all_of(name) for name in names)
+        return summarise(errors, latitude, sigma, recording, self.seconds)
+
+
+@dataclass
+class _Evaluation:
+    """Every estimator's answers, and why one has none."""
+
+    answers: dict[tuple[str, float], _Answers] = field(default_factory=dict)
+    refused: dict[tuple[str, float], str] = field(default_factory=dict)
+
+    def ask(
+        self,
+        name: str,
+        estimate: Estimator,
+        windows: Windows,
+        imu: ImuModel | None,
+        heading: float,
+        recording: int,
+    ) -> None:
+        """One that refuses a recording's windows is asked no more at this length: figures over
+        some recordings would not compare with figures over all."""
+        key = name, windows.duration_s
+        if key in self.refused:
+            return
+        started = time.perf_counter()
+        try:
+            found = estimate(windows, imu)
+        except InputError as error:
+            self.refused[key] = str(error)
+            self.answers.pop(key, None)
+            return
+        seconds = time.perf_counter() - started
+        own = self.answers.setdefault(key, _Answers())
+        own.add(found, windows, heading, recording, seconds)
+
+    def why_not(self) -> list[str]:
+        """A line for each reason, with the window lengths that it is for."""
+        lengths: dict[str, list[str]] = defaultdict(list)
+        for (_, window), reason in self.refused.items():
+            lengths[reason].append(f"{window:g}")
+        return [f"left out at {', '.join(w)} s: {reason}" for reason, w in lengths.items()]
 
 
 def _evaluate(
@@ -112,12 +215,11 @@ def _evaluate(
     subject: Subject,
     records: Iterator[Record],
     count: int,
-) -> Result:
+) -> tuple[Result, _Evaluation]:
     """Every estimator on every window of every record."""
-    errors: dict[tuple[str, float], list[np.ndarray]] = defaultdict(list)
-    latitudes: dict[tuple[str, float], list[np.ndarray]] = defaultdict(list)
+    evaluation = _Evaluation()
     longest = 0.0
-    for record in tqdm(records, "evaluating", count, unit="rec", leave=False):
+    for number, record in enumerate(tqdm(records, "evaluating", count, unit="rec", leave=False)):
         heading = _heading(record, subject.against)
         longest = max(longest, record.duration_s)
         for window_s in config.windows_s:
@@ -125,11 +227,7 @@ def _evaluate(
             if len(windows) == 0:
                 continue
             for name, estimate in estimators.items():
-                wrong = heading_errors(
-                    estimate(windows, None).heading, np.full(len(windows), heading)
-                )
-                errors[name, window_s].append(wrong)
-                latitudes[name, window_s].append(windows.latitude)
+                evaluation.ask(name, estimate, windows, subject.imu, heading, number)
     shortest = min(config.windows_s)
     if longest < shortest:
         raise InputError(
@@ -138,19 +236,58 @@ def _evaluate(
             "s",
             f"is shorter than the shortest window, {shortest:g} s (windows_s)",
         )
+    if not evaluation.answers:
+        raise InputError("estimators", list(estimators), "", "; ".join(evaluation.why_not()))
     notes = [
         f"windows of {window:g} s are left out: the longest recording has {longest:g} s"
         for window in config.windows_s
         if window > longest
     ]
-    rows = {
-        key: summarise(np.concatenate(errors[key]), np.concatenate(latitudes[key]))
-        for name in estimators
-        for key in ((name, window) for window in config.windows_s)
-        if key in errors
-    }
-    sizes = {key: np.abs(np.rad2deg(np.concatenate(errors[key]))) for key in rows}
-    return Result(subject, rows, sizes, [*subject.notes, *notes])
+    keys = [(n, w) for n in estimators for w in config.windows_s if (n, w) in evaluation.answers]
+    rows = {key: evaluation.answers[key].summary() for key in keys}
+    sizes = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
+    notes = [*subject.notes, *notes, *evaluation.why_not()]
+    return Result(subject, rows, sizes, notes, _reach(config, rows)), evaluation
+
+
+def _reach(
+    config: EvaluateConfig, rows: Mapping[tuple[str, float], Summary]
+) -> dict[str, dict[float, str]]:
+    """Estimator -> error in degrees -> the window length that it takes, in words."""
+    found = {}
+    for name in dict.fromkeys(name for name, _ in rows):
+        own = sorted((w, s.rmse_deg) for (n, w), s in rows.items() if n == name)
+        windows, rmse = zip(*own, strict=True)
+        found[name] = {e: time_to_reach(windows, rmse, e) for e in config.reach_deg}
+    return found
+
+
+def _per_heading(answers: _Answers) -> list[dict[str, float]]:
+    """RMSE by true heading, in sectors of 30 degrees about their middles."""
+    sector = np.round(np.rad2deg(answers.all_of("heading")) / 30).astype(int) % 12
+    errors = np.rad2deg(answers.all_of("errors"))
+    return [
+        {
+            "heading_deg": 30.0 * s,
+            "windows": int(np.sum(sector == s)),
+            "rmse_deg": float(np.sqrt(np.mean(errors[sector == s] ** 2))),
+        }
+        for s in np.unique(sector)
+    ]
+
+
+def _csv(evaluation: _Evaluation) -> str:
+    """A line for each window and estimator."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = ("recording", "start_s", "heading_deg", "estimate_deg", "error_deg", "sigma_deg")
+    writer.writerow(("estimator", "window_s", *names))
+    for (name, window), own in evaluation.answers.items():
+        angles = [np.rad2deg(own.all_of(n)) for n in ("heading", "estimate", "errors", "sigma")]
+        columns = [own.all_of("recording"), own.all_of("start_s"), *(a.round(6) for a in angles)]
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        writer.writerows((name, f"{window:g}", *row) for row in rows)
+    return out.getvalue()
 
 
 def _heading(record: Record, against: str) -> float:
@@ -170,14 +307,27 @@ def _heading(record: Record, against: str) -> float:
     return heading
 
 
-def _as_json(config: EvaluateConfig, result: Result) -> dict:
+def _as_json(config: EvaluateConfig, result: Result, evaluation: _Evaluation) -> dict:
     return {
         "subject": result.subject.name,
         "against": result.subject.against,
         "run": config.run,
         "rows": [
-            {"estimator": name, "window_s": window, **asdict(summary)}
+            {
+                "estimator": name,
+                "window_s": window,
+                **asdict(summary),
+                "by_heading": _per_heading(evaluation.answers[name, window]),
+            }
             for (name, window), summary in result.rows.items()
+        ],
+        "time_to_reach": {
+            name: {f"{error:g} deg": said for error, said in by_error.items()}
+            for name, by_error in result.reach.items()
+        },
+        "left_out": [
+            {"estimator": name, "window_s": window, "why": why}
+            for (name, window), why in evaluation.refused.items()
         ],
         "notes": result.notes,
     }

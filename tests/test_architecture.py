@@ -36,6 +36,7 @@ MAY_IMPORT = {
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }
 ENTRY_POINTS = (
+    "lbgc/bound.py",
     "lbgc/fit.py",
     "lbgc/calibrate.py",
     "lbgc/train.py",

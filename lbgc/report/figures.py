@@ -1,6 +1,8 @@
 """The figures. Each takes plain numbers and returns a matplotlib figure that nobody shows."""
 
+import io
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +12,10 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 _SIZE = (7.0, 4.2)
 AXIS_COLOURS = ("#c0392b", "#27895a", "#2c5d9b")
 AXIS_NAMES = ("forward", "right", "down")
-ESTIMATOR_COLOURS = ("#7f7f7f", "#d1691f", "#2c5d9b", "#27895a", "#8e44ad")
+ESTIMATOR_COLOURS = (
+    *("#7f7f7f", "#d1691f", "#2c5d9b", "#27895a", "#8e44ad", "#c0392b", "#b8860b", "#17becf"),
+    *("#e377c2", "#556b2f", "#4b3f72", "#a0522d", "#000000"),
+)
 
 
 def _figure(title: str, x: str, y: str, size: tuple[float, float] = _SIZE) -> tuple[Figure, Axes]:
@@ -60,7 +65,9 @@ def allan_deviation(
 def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
     """rows : estimator -> (window lengths in s, RMSE in deg)."""
     figure, axes = _figure("Error against window length", "window, s", "heading RMSE, deg")
-    for (name, (windows, errors)), colour in zip(rows.items(), ESTIMATOR_COLOURS, strict=False):
+    for (name, (windows, errors)), colour in zip(
+        rows.items(), cycle(ESTIMATOR_COLOURS), strict=False
+    ):
         axes.loglog(windows, errors, "o-", color=colour, label=name)
     ticks = sorted({w for windows, _ in rows.values() for w in windows})
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
@@ -70,13 +77,34 @@ def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[floa
     return figure
 
 
+def bound_against_time(
+    curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], title: str
+) -> Figure:
+    """curves : protocol -> (window lengths in s, the floor in deg)."""
+    figure, axes = _figure(f"The best that physics allows: {title}", "window, s", "RMSE, deg")
+    for (name, (windows, floor)), colour in zip(
+        curves.items(), cycle(ESTIMATOR_COLOURS), strict=False
+    ):
+        axes.loglog(windows, floor, "o-", color=colour, markersize=3.5, label=name)
+    _plain_y_ticks(axes)
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.legend(fontsize="small")
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130)
+    return buffer.getvalue()
+
+
 def box_plots(sizes: Mapping[str, Mapping[float, np.ndarray]]) -> Figure:
     """sizes : estimator -> window length in s -> sizes of the errors in deg."""
     figure, axes = _figure("Distribution of the errors", "window, s", "|heading error|, deg")
     windows = sorted({w for by_window in sizes.values() for w in by_window})
     width = 0.8 / len(sizes)
     for i, ((name, by_window), colour) in enumerate(
-        zip(sizes.items(), ESTIMATOR_COLOURS, strict=False)
+        zip(sizes.items(), cycle(ESTIMATOR_COLOURS), strict=False)
     ):
         places = [windows.index(w) + (i - (len(sizes) - 1) / 2) * width for w in by_window]
         drawn = axes.boxplot(

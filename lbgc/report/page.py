@@ -2,7 +2,6 @@
 
 import base64
 import csv
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,9 +20,15 @@ from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG, HOUR
 
-_COLUMNS = ("estimator", "window, s", "windows", "RMSE", "median", "IQR", "95%", "RMSE·cos(lat)")
+_COLUMNS = (
+    *("estimator", "window, s", "windows", "RMSE", "its 95% interval", "median", "IQR", "95%"),
+    *("RMSE·cos(lat)", "NSE", "us"),
+)
+TRUE_SIGMA = (0.9, 1.1)
+"""Of the mean normalised squared error: outside it, a stated sigma is not true."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,8 @@ class Subject:
     records: list[Record]
     """A few, for the Allan figure."""
     identity: str
+    imu: ImuModel | None = None
+    """The sensor's law, where it is known."""
     configuration: Mapping | None = None
     """The dataset's; None for a real log."""
     picture: Path | None = None
@@ -49,6 +56,8 @@ class Result:
     sizes: Mapping[tuple[str, float], np.ndarray] = field(repr=False)
     """|error| in degrees, likewise."""
     notes: list[str]
+    reach: Mapping[str, Mapping[float, str]]
+    """Estimator -> error in degrees -> how long a window it takes."""
 
     @property
     def estimators(self) -> list[str]:
@@ -56,18 +65,28 @@ class Result:
 
 
 def cells(result: Result) -> list[list[str]]:
+    return [_cells(name, window, summary) for (name, window), summary in result.rows.items()]
+
+
+def _cells(name: str, window: float, s: Summary) -> list[str]:
+    low, high = (s.intervals or {}).get("rmse_deg", (np.nan, np.nan))
+    nse, us = s.mean_normalised_squared_error, s.microseconds_a_window
     return [
-        [
-            name,
-            f"{window:g}",
-            str(s.windows),
-            *(
-                f"{v:.2f}"
-                for v in (s.rmse_deg, s.median_deg, s.iqr_deg, s.p95_deg, s.rmse_cos_latitude_deg)
-            ),
-        ]
-        for (name, window), s in result.rows.items()
+        name,
+        f"{window:g}",
+        str(s.windows),
+        f"{s.rmse_deg:.2f}",
+        "-" if np.isnan(low) else f"{low:.2f} to {high:.2f}",
+        *(f"{v:.2f}" for v in (s.median_deg, s.iqr_deg, s.p95_deg, s.rmse_cos_latitude_deg)),
+        "-" if nse is None else f"{nse:.3g}",
+        "-" if us is None else f"{us:.0f}",
     ]
+
+
+def _untrue(result: Result) -> list[bool]:
+    """Whether a row's stated sigma is not true."""
+    values = [s.mean_normalised_squared_error for s in result.rows.values()]
+    return [v is not None and not TRUE_SIGMA[0] <= v <= TRUE_SIGMA[1] for v in values]
 
 
 def table(result: Result) -> str:
@@ -95,7 +114,8 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
     page = template.render(
         subject=result.subject,
         columns=_COLUMNS,
-        rows=cells(result),
+        rows=list(zip(cells(result), _untrue(result), strict=True)),
+        reach=result.reach,
         notes=result.notes,
         bias=_bias_split(result.subject.configuration, description),
         paper_rows=_beside_the_paper(result),
@@ -161,12 +181,12 @@ def _pictures(result: Result, run: str | None) -> list[dict]:
         for n in result.estimators
     }
     drawn = [
-        ("Error against window length", _png(figures.error_against_window(rmse))),
-        ("Box plots of the errors", _png(figures.box_plots(by_name))),
-        ("Allan deviation of the data", _png(_allan(result.subject))),
+        ("Error against window length", figures.png(figures.error_against_window(rmse))),
+        ("Box plots of the errors", figures.png(figures.box_plots(by_name))),
+        ("Allan deviation of the data", figures.png(_allan(result.subject))),
     ]
     if run is not None:
-        drawn.append(("Loss curve", _png(figures.loss_curve(_history(Path(run))))))
+        drawn.append(("Loss curve", figures.png(figures.loss_curve(_history(Path(run))))))
     picture = result.subject.picture
     if picture is not None and picture.is_file():
         drawn.append(("The bench", picture.read_bytes()))
@@ -191,9 +211,3 @@ def _allan(subject: Subject) -> Figure:
 def _history(run: Path) -> list[dict[str, float]]:
     with (run / "history.csv").open(newline="") as file:
         return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
-    return buffer.getvalue()

@@ -19,7 +19,7 @@ class Purpose(IntEnum):
     MOTION = 4
 
 
-_RECORDING, _UNIT, _SESSION, _SPLIT, _TRAINING = range(5)
+_RECORDING, _UNIT, _SESSION, _SPLIT, _TRAINING, _FIGURES = range(6)
 
 
 def recording(seed: int, index: int, purpose: Purpose) -> np.random.Generator:
@@ -41,6 +41,11 @@ def split(seed: int, block: int) -> np.random.Generator:
 def training(seed: int, step: int) -> np.random.Generator:
     """Of one training step, so that a resumed run draws what an uninterrupted one would."""
     return _generator(seed, _TRAINING, step)
+
+
+def figures() -> np.random.Generator:
+    """Of what is worked out by drawing: intervals by resampling, expectations. Always the same."""
+    return _generator(0, _FIGURES)
 
 
 def _generator(entropy: int, *key: int) -> np.random.Generator:

@@ -1,0 +1,262 @@
+"""How well anyone can find north with this sensor, and what limits it.
+
+python lbgc/bound.py imu=stim300 protocol=two_position latitude=60
+
+Two bounds, both of the Gaussian model that `lbgc.estimators.information` states:
+
+- `crlb`, in closed form: the van Trees bound, errors being small against the circle. It is quoted
+  only below 6 degrees; above, angles no longer behave like lengths.
+- `floor`: the Bayes-optimal estimator itself (flat prior on the circle, circular mean of the
+  posterior). Its RMSE on a set of windows is the least that any estimator can have on windows drawn
+  by that model, and "over the floor" means over this, on the same windows.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
+from lbgc.errors import InputError, require, require_choice, require_positive, run_main
+from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled
+from lbgc.estimators.estimate import Estimate
+from lbgc.estimators.indexed import answer, needs_model
+from lbgc.estimators.information import (
+    LIFETIMES,
+    Information,
+    Site,
+    bayes,
+    information,
+    known,
+    sources,
+)
+from lbgc.frames import wrap
+from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.protocol import ProtocolConfig, plan
+from lbgc.report.figures import bound_against_time, png
+from lbgc.sensor import streams
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import ImuModel
+
+LARGEST_CRLB = float(np.deg2rad(6.0))
+_HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
+_DRAWS = 3000
+
+
+def white_crlb(N: float, latitude: float, duration_s: float) -> float:
+    """1 sigma, rad, of white rate noise alone: N/(Omega cos(lat) sqrt(T)), the paper's case.
+
+    N : rad/sqrt(s); latitude : rad.
+    """
+    return float(N / (EARTH_RATE * np.cos(latitude) * np.sqrt(duration_s)))
+
+
+def crlb(told: Information, reference_sigma: float = 0.0) -> float:
+    """RMS over headings of the least standard deviation, rad; NaN above 6 degrees.
+
+    reference_sigma : rad, of the reference, where errors are taken from one that errs.
+    """
+    rms = float(np.sqrt(np.mean(told.sigma(_HEADINGS) ** 2) + reference_sigma**2))
+    return rms if rms < LARGEST_CRLB else float("nan")
+
+
+def expected_floor(told: Information, reference_sigma: float = 0.0) -> float:
+    """RMSE that the Bayes-optimal estimator is to be expected to have, rad: over headings and over
+    the law of h, Normal(J q, J), which is all that the data tell. Seeded, to about 1%.
+
+    Small errors are nearly n'(h - J q)/(n' J n), whose mean square is known: their difference has
+    far less spread than they have.
+    """
+    rng = streams.figures()
+    psi = rng.uniform(-np.pi, np.pi, _DRAWS)
+    q = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
+    n = np.stack([-q[:, 1], q[:, 0]], axis=-1)
+    values, vectors = np.linalg.eigh(told.J)
+    noise = rng.standard_normal((_DRAWS, 2)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    square = wrap(bayes(q @ told.J + noise, told.J).heading - psi) ** 2
+    sigma = told.sigma(psi)
+    if np.median(sigma) < np.deg2rad(20.0):
+        linear = np.sum(n * noise, axis=1) * sigma**2
+        square = square - linear**2 + np.mean(told.sigma(_HEADINGS) ** 2)
+    return float(np.sqrt(np.mean(square) + reference_sigma**2))
+
+
+def floor(
+    windows: Windows, imu: ImuModel | None = None, lifetimes: tuple[str, ...] = ()
+) -> Estimate:
+    """The Bayes-optimal estimate of windows, from the block means of at most 240 blocks at rest or
+    in steady motion. lifetimes : what is known, and taken out of the windows already."""
+    model = known(needs_model("floor", imu), lifetimes)
+
+    def each(part: Levelled, site: Site) -> Estimate:
+        told = information(model, part.course, site)
+        return bayes(told.told(part.data), told.J)
+
+    return answer(windows, model, each, "floor")
+
+
+def budget(imu: ImuModel, course: Course, site: Site) -> dict[str, float]:
+    """What each source contributes to the most likely heading's error, rad RMS over headings.
+
+    With the optimal weights A = J^-1 D' C^-1 the errors of z = q + A e are those of the sources,
+    A C_i A' each; their squares add up to the bound's.
+    """
+    told = information(imu, course, site)
+    A = np.linalg.solve(told.J, told.weights.reshape(2, -1)).reshape(told.weights.shape)
+    across = np.stack([-np.sin(_HEADINGS), np.cos(_HEADINGS)], axis=-1)
+    found = {}
+    for name, C in sources(imu, course, site).items():
+        spread = np.einsum("ian,anm,jam->ij", A, C, A)
+        found[name] = float(np.sqrt(np.mean(np.sum((across @ spread) * across, axis=1))))
+    return {name: size for name, size in found.items() if size > 0}
+
+
+def course_of(config: ProtocolConfig, duration_s: float, start_s: float = 0.0) -> Course:
+    """Of a window that holds the whole protocol. Raises InputError where it is too short for it."""
+    planned = plan(config, 0, duration_s)
+    fine = 40
+    interval = duration_s / MOST_BLOCKS
+    middles = (np.arange(MOST_BLOCKS * fine) + 0.5) * interval / fine
+    angle = planned.command(middles)[0].reshape(MOST_BLOCKS, fine).mean(axis=1)
+    return Course.planned(angle - planned.start, interval, start_s)
+
+
+@dataclass(frozen=True)
+class BoundConfig:
+    """What `conf/bound.yaml` holds."""
+
+    latitude: float = 32.76
+    """degrees, north positive"""
+    height_m: float = 0.0
+    """Above the ellipsoid."""
+    rate_hz: float = 600.0
+    """Samples a second of the IMU: counts add noise by it."""
+    windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 120.0, 240.0])
+    """Window lengths; the budget is of the longest."""
+    start_s: float = 0.0
+    """Of the windows, since the recording's start: a random walk and warming up go on before."""
+    known: list[str] = field(default_factory=list)
+    """Lifetimes whose errors are known: unit, session, run."""
+    reference_error_deg: float = 0.0
+    """1 sigma of the reference that errors are taken from; 0: from the truth."""
+    imu: ImuConfig = field(default_factory=ImuConfig)
+    protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
+
+    def __post_init__(self) -> None:
+        require(
+            abs(self.latitude) <= 90 and bool(heading_exists(np.deg2rad(self.latitude))),
+            "latitude",
+            self.latitude,
+            "must be between the poles (-90 to 90 degrees, both left out)",
+        )
+        require_positive("rate_hz", self.rate_hz)
+        require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
+        for window in self.windows_s:
+            require_positive("windows_s", window)
+        for name in ("start_s", "reference_error_deg"):
+            require(getattr(self, name) >= 0, name, getattr(self, name), "must not be negative")
+        for name in self.known:
+            require_choice("known", name, LIFETIMES)
+
+    @property
+    def site(self) -> Site:
+        latitude = float(np.deg2rad(self.latitude))
+        return Site(latitude, normal_gravity(latitude, self.height_m))
+
+    @property
+    def model(self) -> ImuModel:
+        return known(self.imu.model(self.rate_hz), tuple(self.known))
+
+
+def main(config: BoundConfig) -> Path:
+    """Print the bounds and the budget, draw error against time; return the directory."""
+    rows = bounds(config, config.protocol)
+    if not rows:
+        course_of(config.protocol, max(config.windows_s))  # says why
+    longest = max(r["window_s"] for r in rows)
+    course = course_of(config.protocol, longest, config.start_s)
+    parts = budget(config.model, course, config.site)
+    print(table(config, rows))
+    print(budget_table(parts, longest))
+    directory = task_directory("bound", fingerprint(asdict(config)))
+    result = {"bounds": rows, "budget_deg": {k: float(np.rad2deg(v)) for k, v in parts.items()}}
+    write_atomically(directory / "bound.json", json.dumps(result, indent=2))
+    figure = bound_against_time(_curves(config), f"{config.imu.name}, {config.latitude:g}°")
+    write_atomically(directory / "bound.png", png(figure))
+    mark_latest(directory)
+    return directory
+
+
+def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, float]]:
+    """crlb and expected floor, degrees, at each window that is long enough for the protocol."""
+    rows = []
+    for window in sorted(config.windows_s):
+        try:
+            course = course_of(protocol, window, config.start_s)
+            told = information(config.model, course, config.site)
+        except InputError:
+            continue
+        reference = float(np.deg2rad(config.reference_error_deg))
+        rows.append(
+            {
+                "window_s": window,
+                "crlb_deg": float(np.rad2deg(crlb(told, reference))),
+                "floor_deg": float(np.rad2deg(expected_floor(told, reference))),
+            }
+        )
+    return rows
+
+
+def table(config: BoundConfig, rows: Sequence[dict[str, float]]) -> str:
+    lines = [
+        f"{config.imu.name}, {config.protocol.name}, latitude {config.latitude:g}: degrees",
+        f"{'window':>9s} {'floor':>8s} {'crlb':>8s} {'floor·cos(lat)':>15s} {'95%':>8s}",
+    ]
+    cos = np.cos(np.deg2rad(config.latitude))
+    for row in rows:
+        closed, rms = row["crlb_deg"], row["floor_deg"]
+        small = not np.isnan(closed)
+        said = f"{closed:8.3f}" if small else f"{'-':>8s}"
+        wide = f"{1.96 * rms:8.3f}" if small else f"{'-':>8s}"
+        lines.append(f"{row['window_s']:7g} s {rms:8.3f} {said} {rms * cos:15.3f} {wide}")
+    return "\n".join(lines)
+
+
+def budget_table(parts: dict[str, float], window_s: float) -> str:
+    total = float(np.sqrt(sum(v**2 for v in parts.values())))
+    lines = [f"what makes it up, {window_s:g} s, errors small: degrees and share of the variance"]
+    for name, size in sorted(parts.items(), key=lambda item: -item[1]):
+        lines.append(f"  {name:36s} {np.rad2deg(size):9.4f}  {(size / total) ** 2:6.1%}")
+    return "\n".join([*lines, f"  {'together':36s} {np.rad2deg(total):9.4f}"])
+
+
+def _curves(config: BoundConfig) -> dict[str, tuple[list[float], list[float]]]:
+    """Expected floor against time of the chosen protocol, and of one of each kind beside it."""
+    own = config.protocol
+    kinds: list[tuple[str, str, tuple[float, ...]]] = [
+        ("static", "static", (0.0,)),
+        ("two_position", "indexed", (0.0, 180.0)),
+        ("four_position", "indexed", (0.0, 90.0, 180.0, 270.0)),
+        ("carousel", "carousel", (0.0,)),
+    ]
+    others = [
+        replace(own, name=name, kind=kind, angles_deg=angles, dwell_s=None)
+        for name, kind, angles in kinds
+    ]
+    protocols = {p.name: p for p in [*others, own]}
+    longest = max(config.windows_s)
+    times = np.geomspace(min(10.0, longest / 4), longest, 9).round(3).tolist()
+    curves = {}
+    for name, protocol in tqdm(protocols.items(), "drawing", leave=False):
+        at = replace(config, windows_s=times)
+        rows = bounds(at, protocol)
+        curves[name] = [r["window_s"] for r in rows], [r["floor_deg"] for r in rows]
+    return curves
+
+
+if __name__ == "__main__":
+    run_main(main, BoundConfig, "bound")

@@ -1,0 +1,186 @@
+"""North from a base that sways: gravity turns with Earth, and an IMU can watch it turn.
+
+In the frame i that stands still since the window's start (its axes those of n at that instant, and
+its body counterpart b0), with C the attitude of b0 in i,
+
+    C alpha(t) = beta(t) + v(t) - v(0),   alpha = integral of C_b0_b f_b,   beta = -integral of g_i
+
+where C_b0_b follows from the gyros alone and g_i from Earth's rotation. The sway's velocity v stays
+small while beta grows, and bends: its bend is what tells north (Wu et al. 2011, "Optimization-based
+alignment for inertial navigation systems"; Li et al. 2013). C comes from Davenport's matrix, whose
+largest eigenvector is the quaternion of the rotation that fits the two series best.
+
+Where a window starts the sway has some velocity v(0), which is as large as all that follow. `oba`
+has it free, which takes each series less its mean; `oba_textbook` has it zero. `oba_interval` fits
+differences over a third of the window instead: no initial velocity there, twice the noise.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
+from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.indexed import check
+from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
+from lbgc.sensor.imu import ImuModel
+
+_LEAST_SAMPLES = 50
+Prepare = Callable[[np.ndarray], np.ndarray]
+"""What is done to both series (W, T, 3) alike before they are fitted."""
+
+
+@dataclass(frozen=True)
+class _Series:
+    alpha: np.ndarray
+    """(W, T, 3), m/s, in b0, at the samples' ends"""
+    beta: np.ndarray
+    """(W, T, 3), m/s, in i"""
+    turned: np.ndarray
+    """(W, T, 3, 3): C_b0_b at the samples' ends"""
+
+
+def oba(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Velocity alignment with the sway's initial velocity free."""
+    return _align("oba", windows, _centred)
+
+
+def oba_textbook(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Velocity alignment as published, the initial velocity taken as zero (Wu et al. 2011)."""
+    return _align("oba_textbook", windows, lambda series: series)
+
+
+def oba_interval(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Velocity alignment on differences over a sliding interval of a third of the window
+    (Li et al. 2013)."""
+    return _align("oba_interval", windows, _differences)
+
+
+def _centred(series: np.ndarray) -> np.ndarray:
+    return np.asarray(series - series.mean(axis=1, keepdims=True))
+
+
+def _differences(series: np.ndarray) -> np.ndarray:
+    lag = series.shape[1] // 3
+    return np.asarray(series[:, lag:] - series[:, :-lag])
+
+
+def _align(name: str, windows: Windows, prepare: Prepare) -> Estimate:
+    check(name, windows)
+    samples = windows.gyro.shape[1]
+    if samples < _LEAST_SAMPLES:
+        about = f"samples a window; it takes {_LEAST_SAMPLES} or more, fast enough to see the sway"
+        raise refusal(name, samples, "", about)
+    series = _integrate(windows)
+    alpha, beta = prepare(series.alpha), prepare(series.beta)
+    c_ib0 = _davenport(alpha, beta)
+    heading = _mean_heading(c_ib0, series, windows)
+    return Estimate(heading, _sigma(c_ib0, alpha, beta))
+
+
+def _integrate(windows: Windows) -> _Series:
+    """Attitude by the samples' rotation vectors, velocity by their forces turned half-way."""
+    w, n, dt = len(windows), windows.gyro.shape[1], 1 / windows.rate_hz
+    angle = windows.gyro * dt
+    step = Rotation.from_rotvec(angle.reshape(-1, 3)).as_matrix().reshape(w, n, 3, 3)
+    turned = np.empty((w, n, 3, 3))
+    at = np.broadcast_to(np.eye(3), (w, 3, 3))
+    for k in range(n):
+        at = at @ step[:, k]
+        turned[:, k] = at
+    before = np.concatenate([np.broadcast_to(np.eye(3), (w, 1, 3, 3)), turned[:, :-1]], axis=1)
+    force = windows.accel + np.cross(angle, windows.accel) / 2
+    alpha = np.cumsum(np.einsum("wnij,wnj->wni", before, force), axis=1) * dt
+    return _Series(alpha, _apparent_gravity(windows, n, dt), turned)
+
+
+def _apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:
+    """beta, (W, n, 3): minus the integral of gravity, which turns about Earth's axis by Omega t
+    in i (Rodrigues' formula, integrated)."""
+    t = (np.arange(n) + 1.0) * dt
+    beta = np.empty((len(windows), n, 3))
+    for row, latitude in enumerate(windows.latitude):
+        axis = earth_rate_ned(latitude) / EARTH_RATE
+        down = np.array([0.0, 0.0, normal_gravity(float(latitude))])
+        cross = skew(axis) @ down
+        twice = skew(axis) @ cross
+        phase = EARTH_RATE * t
+        once = 2 * np.sin(phase / 2) ** 2 / EARTH_RATE  # (1 - cos)/Omega
+        slow = t**3 * EARTH_RATE**2 / 6 * (1 - phase**2 / 20)  # t - sin/Omega, without cancellation
+        beta[row] = -(np.outer(t, down) + np.outer(once, cross) + np.outer(slow, twice))
+    return beta
+
+
+def _davenport(alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """The rotation (W, 3, 3) that fits beta = C alpha best, both (W, T, 3): the eigenvector of
+    the largest eigenvalue of Davenport's K (Wu et al. 2011, eq. 24; Markley & Mortari 2000)."""
+    B = np.einsum("wti,wtj->wij", beta, alpha)
+    z = np.stack([B[:, 2, 1] - B[:, 1, 2], B[:, 0, 2] - B[:, 2, 0], B[:, 1, 0] - B[:, 0, 1]], -1)
+    trace = np.trace(B, axis1=1, axis2=2)
+    K = np.empty((len(B), 4, 4))
+    K[:, :3, :3] = B + np.swapaxes(B, 1, 2) - trace[:, None, None] * np.eye(3)
+    K[:, :3, 3] = K[:, 3, :3] = z
+    K[:, 3, 3] = trace
+    return np.asarray(Rotation.from_quat(np.linalg.eigh(K)[1][..., -1]).as_matrix())
+
+
+def _mean_heading(c_ib0: np.ndarray, series: _Series, windows: Windows) -> np.ndarray:
+    """Of the body over the window, less the plate's angle: n turns with Earth in i meanwhile."""
+    t = (np.arange(series.turned.shape[1]) + 1.0) / windows.rate_hz
+    heading = np.empty(len(windows))
+    for row, latitude in enumerate(windows.latitude):
+        earth = rotation_matrix(earth_rate_ned(latitude) * t[:, None])  # C_in
+        c_nb = np.swapaxes(earth, 1, 2) @ (c_ib0[row] @ series.turned[row])
+        off = matrix_to_euler(c_nb)[2] - windows.plate_angle[row]
+        heading[row] = np.angle(np.mean(np.exp(1j * off)))
+    return wrap(heading)
+
+
+def _sigma(c_ib0: np.ndarray, alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """Of the heading, (W,), from what the fit leaves: the sway's velocity. alpha, beta : as fitted.
+
+    A small rotation phi of the fit moves it by phi x beta, so phi is a linear regression on
+    beta's components and its error is G' r / (G' G), G the regressor of the heading with the
+    tilts' and the offset's share taken out. r is a stationary process: the variance of G' r is
+    sum of gamma_k (G * G)_k, with gamma its autocovariance as the residuals show it, tapered by
+    Parzen's window (a third of the window long) so that the sum cannot be negative. The fit took
+    some of r with it, most where G lies: the sum is divided by what it would be on average if r
+    were white, over what that should be.
+    """
+    left = beta - np.einsum("wij,wtj->wti", c_ib0, alpha)
+    n = left.shape[1]
+    x = np.arange(n // 3 + 1) / (n // 3)
+    taper = np.where(x <= 0.5, 1 - 6 * x**2 + 6 * x**3, 2 * (1 - x) ** 3)
+    sigma = np.empty(len(left))
+    for row in range(len(left)):
+        basis, G = _regressor(beta[row])
+        of_G = _autocorrelation(G)[: len(taper)] * taper[:, None] / n
+        of_G[1:] *= 2
+        found = np.sum(of_G * _autocorrelation(left[row, :, :2])[: len(taper)])
+        taken = np.sum(of_G[..., None] * _autocorrelation(basis)[: len(taper)])
+        size = np.sum(G**2)
+        sigma[row] = np.sqrt(found * size / (size - taken)) / size
+    return sigma
+
+
+def _regressor(beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How the horizontal velocity moves with the heading alone, (T, 2): phi_z x beta with what
+    tilts and offsets could explain projected out; and an orthonormal basis (T, 2, 5) of all that
+    the fit can explain."""
+    x, y, z = beta.T
+    none, one = np.zeros_like(x), np.ones_like(x)
+    tilts_and_offsets = ((none, -z), (z, none), (one, none), (none, one))
+    columns = [np.concatenate(pair) for pair in (*tilts_and_offsets, (-y, x))]
+    basis, triangle = np.linalg.qr(np.stack(columns, axis=1))
+    G = basis[:, -1] * triangle[-1, -1]
+    return np.moveaxis(basis.reshape(2, -1, basis.shape[1]), 0, 1), G.reshape(2, -1).T
+
+
+def _autocorrelation(series: np.ndarray) -> np.ndarray:
+    """Sums of products at lags 0, 1, ... along the first axis, the others left as they are."""
+    size = 2 * len(series)
+    power = np.abs(np.fft.rfft(series, size, axis=0)) ** 2
+    return np.fft.irfft(power, size, axis=0)[: len(series)]
