@@ -1,6 +1,6 @@
 """Classical north-finders. Each takes windows and answers each from its own rows."""
 
-from lbgc.estimators import indexed, static
+from lbgc.estimators import indexed, inertial, static
 from lbgc.estimators.estimate import Estimator
 
 CLASSICAL: dict[str, Estimator] = {
@@ -13,4 +13,7 @@ CLASSICAL: dict[str, Estimator] = {
     "cosine_fit_weighted": indexed.cosine_fit_weighted,
     "carousel": indexed.carousel,
     "carousel_weighted": indexed.carousel_weighted,
+    "oba": inertial.oba,
+    "oba_textbook": inertial.oba_textbook,
+    "oba_interval": inertial.oba_interval,
 }
