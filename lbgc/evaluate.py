@@ -53,6 +53,9 @@ class EvaluateConfig:
     """One of them, or all; instead of the list."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 240.0])
     """Window lengths."""
+    imu: ImuConfig | None = None
+    """What estimators are told of the sensor: a log has nothing else to say it, and a dataset's own
+    is used where this is null."""
     split: str = "test"
     """Of the dataset."""
     against: str = "truth"
@@ -113,7 +116,8 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Record], int]:
     if config.log is not None:
         records = list(logs.read(config.log))
         notes = [f"{config.log.name}: a real log has no truth; errors are from its reference"]
-        subject = Subject(config.log.name, "reference", notes, records[:16], identity="")
+        imu = None if config.imu is None else config.imu.model(records[0].rate_hz)
+        subject = Subject(config.log.name, "reference", notes, records[:16], identity="", imu=imu)
         return subject, iter(records), len(records)
     assert config.data is not None
     dataset = Dataset.open_finished(config.data)
@@ -121,14 +125,18 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Record], int]:
     require(len(indices) > 0, "split", config.split, "has no recordings in this dataset")
     sample = list(dataset.records(indices[:16]))
     configuration = dataset.configuration
+    own = build(ImuConfig, configuration["imu"])
+    notes = []
+    if config.imu is not None:
+        notes.append(f"estimators are told of {config.imu.name}; the data are of {own.name}")
     subject = Subject(
         f"{dataset.path}, {config.split} split",
         config.against,
-        [],
+        notes,
         sample,
         identity=dataset.identity,
         configuration=configuration,
-        imu=build(ImuConfig, configuration["imu"]).model(float(configuration["rate_hz"])),
+        imu=(config.imu or own).model(float(configuration["rate_hz"])),
         picture=dataset.path.with_suffix(".png"),
     )
     return subject, dataset.records(indices), len(indices)
@@ -173,40 +181,46 @@ class _Answers:
 class _Evaluation:
     """Every estimator's answers, and why one has none."""
 
+    recordings: list[str] = field(default_factory=list)
+    """Their names, by number."""
     answers: dict[tuple[str, float], _Answers] = field(default_factory=dict)
+    """By estimator and window length."""
     refused: dict[tuple[str, float], str] = field(default_factory=dict)
+    """Likewise."""
 
     def ask(
         self,
-        name: str,
+        key: tuple[str, float],
         estimate: Estimator,
         windows: Windows,
         imu: ImuModel | None,
         heading: float,
-        recording: int,
     ) -> None:
         """One that refuses a recording's windows is asked no more at this length: figures over
         some recordings would not compare with figures over all."""
-        key = name, windows.duration_s
         if key in self.refused:
             return
-        started = time.perf_counter()
+        started = time.process_time()
         try:
             found = estimate(windows, imu)
         except InputError as error:
             self.refused[key] = str(error)
             self.answers.pop(key, None)
             return
-        seconds = time.perf_counter() - started
+        seconds = time.process_time() - started
         own = self.answers.setdefault(key, _Answers())
-        own.add(found, windows, heading, recording, seconds)
+        own.add(found, windows, heading, len(self.recordings) - 1, seconds)
 
     def why_not(self) -> list[str]:
-        """A line for each reason, with the window lengths that it is for."""
-        lengths: dict[str, list[str]] = defaultdict(list)
-        for (_, window), reason in self.refused.items():
-            lengths[reason].append(f"{window:g}")
-        return [f"left out at {', '.join(w)} s: {reason}" for reason, w in lengths.items()]
+        """A line for each estimator, with its window lengths and the shortest one's reason: the
+        others' differ in their figures; results.json has them all."""
+        own: dict[str, dict[float, str]] = defaultdict(dict)
+        for (name, window), reason in self.refused.items():
+            own[name][window] = reason
+        return [
+            f"{name} is left out at {', '.join(f'{w:g}' for w in sorted(r))} s: {r[min(r)]}"
+            for name, r in own.items()
+        ]
 
 
 def _evaluate(
@@ -219,15 +233,16 @@ def _evaluate(
     """Every estimator on every window of every record."""
     evaluation = _Evaluation()
     longest = 0.0
-    for number, record in enumerate(tqdm(records, "evaluating", count, unit="rec", leave=False)):
+    for record in tqdm(records, "evaluating", count, unit="rec", leave=False):
         heading = _heading(record, subject.against)
+        evaluation.recordings.append(record.name)
         longest = max(longest, record.duration_s)
         for window_s in config.windows_s:
             windows = cut(record, window_s)
             if len(windows) == 0:
                 continue
             for name, estimate in estimators.items():
-                evaluation.ask(name, estimate, windows, subject.imu, heading, number)
+                evaluation.ask((name, window_s), estimate, windows, subject.imu, heading)
     shortest = min(config.windows_s)
     if longest < shortest:
         raise InputError(
@@ -243,11 +258,14 @@ def _evaluate(
         for window in config.windows_s
         if window > longest
     ]
+    if len(evaluation.recordings) == 1:
+        notes.append("one recording: intervals are over its windows, as if they were independent")
     keys = [(n, w) for n in estimators for w in config.windows_s if (n, w) in evaluation.answers]
     rows = {key: evaluation.answers[key].summary() for key in keys}
     sizes = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
     notes = [*subject.notes, *notes, *evaluation.why_not()]
-    return Result(subject, rows, sizes, notes, _reach(config, rows)), evaluation
+    by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
+    return Result(subject, rows, sizes, notes, _reach(config, rows), by_heading), evaluation
 
 
 def _reach(
@@ -280,13 +298,14 @@ def _csv(evaluation: _Evaluation) -> str:
     """A line for each window and estimator."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    names = ("recording", "start_s", "heading_deg", "estimate_deg", "error_deg", "sigma_deg")
-    writer.writerow(("estimator", "window_s", *names))
+    names = ("heading_deg", "estimate_deg", "error_deg", "sigma_deg")
+    writer.writerow(("recording", "window_s", "start_s", "estimator", *names))
     for (name, window), own in evaluation.answers.items():
         angles = [np.rad2deg(own.all_of(n)) for n in ("heading", "estimate", "errors", "sigma")]
         columns = [own.all_of("recording"), own.all_of("start_s"), *(a.round(6) for a in angles)]
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        writer.writerows((name, f"{window:g}", *row) for row in rows)
+        for number, start, *degrees in zip(*(c.tolist() for c in columns), strict=True):
+            recording = evaluation.recordings[number]
+            writer.writerow((recording, f"{window:g}", f"{start:g}", name, *degrees))
     return out.getvalue()
 
 
@@ -317,7 +336,7 @@ def _as_json(config: EvaluateConfig, result: Result, evaluation: _Evaluation) ->
                 "estimator": name,
                 "window_s": window,
                 **asdict(summary),
-                "by_heading": _per_heading(evaluation.answers[name, window]),
+                "by_heading": result.by_heading[name, window],
             }
             for (name, window), summary in result.rows.items()
         ],

@@ -29,8 +29,9 @@ class Summary:
     """RMSE of the error times cos(latitude): navigators state gyrocompasses in degrees
     sec(latitude)."""
     mean_normalised_squared_error: float | None = None
-    """Of error/sigma: 1 where the stated sigma is true; None where none was stated."""
+    """Of error/sigma: 1 where the stated sigma is true; None where none was stated, or zero."""
     microseconds_a_window: float | None = None
+    """Processor time, of all threads."""
     intervals: Mapping[str, tuple[float, float]] | None = None
     """95%, by the names above: bootstrap over recordings, or over windows where one has them all;
     None where there is but one window."""
@@ -51,6 +52,9 @@ def summarise(
     """errors, latitude, sigma : (W,), rad, W >= 1; recording : (W,), which window is whose, for
     the intervals; seconds : that answering took, altogether."""
     size = np.abs(np.rad2deg(errors))
+    order = np.argsort(size)  # once, for the quantiles of every resample
+    size, latitude = size[order], latitude[order]
+    sigma, recording = (None if v is None else v[order] for v in (sigma, recording))
     figures = _figures(size, latitude, sigma, np.ones((1, len(size))))
     intervals = None
     if recording is not None and len(size) > 1:
@@ -87,7 +91,7 @@ def _resamples(recording: np.ndarray, rows: int) -> Iterator[np.ndarray]:
 def _figures(
     size: np.ndarray, latitude: np.ndarray, sigma: np.ndarray | None, weights: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Each figure for each row of weights (B, W): name -> (B,)."""
+    """Each figure for each row of weights (B, W): name -> (B,). size : ascending."""
     total = weights.sum(axis=1)
     q25, q50, q75, q95 = _quantiles(size, weights, (0.25, 0.5, 0.75, 0.95))
     found = {
@@ -97,16 +101,15 @@ def _figures(
         "p95_deg": q95,
         "rmse_cos_latitude_deg": np.sqrt(weights @ (size * np.cos(latitude)) ** 2 / total),
     }
-    if sigma is not None and np.isfinite(sigma).all():
+    if sigma is not None and np.isfinite(sigma).all() and np.all(sigma > 0):
         normalised = (size / np.rad2deg(sigma)) ** 2
         found["mean_normalised_squared_error"] = weights @ normalised / total
     return found
 
 
 def _quantiles(size: np.ndarray, weights: np.ndarray, wanted: Sequence[float]) -> list[np.ndarray]:
-    """Of sizes that occur so often, each (B,): with equal weights NumPy's linear rule."""
-    order = np.argsort(size)
-    ordered, below = size[order], np.cumsum(weights[:, order], axis=1)
+    """Of ascending sizes that occur so often, each (B,): with equal weights NumPy's linear rule."""
+    below = np.cumsum(weights, axis=1)
     found = []
     for share in wanted:
         place = share * (below[:, -1] - 1)
@@ -115,7 +118,7 @@ def _quantiles(size: np.ndarray, weights: np.ndarray, wanted: Sequence[float]) -
         right = np.array(
             [np.searchsorted(b, at, "right") for b, at in zip(below, high, strict=True)]
         )
-        found.append(ordered[left] + (place - low) * (ordered[right] - ordered[left]))
+        found.append(size[left] + (place - low) * (size[right] - size[left]))
     return found
 
 

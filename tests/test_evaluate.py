@@ -1,5 +1,6 @@
 """The evaluation: its figures, its page, and what it refuses."""
 
+import csv
 import json
 import re
 from dataclasses import fields
@@ -8,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import generate, needs_recording
+from helpers import default_config, generate, needs_recording
 from test_logs import columns, spoiled, write
 
 from lbgc.data.logs import LogConfig
-from lbgc.evaluate import EvaluateConfig
+from lbgc.evaluate import KNOWN, EvaluateConfig
 from lbgc.metrics import heading_errors, summarise
 
 CSV = ("log=csv", "log.path=log.csv", "log.latitude=32.76", "log.time_column=t")
@@ -101,6 +102,7 @@ def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
         "run": (base, f"run={unit_bias_run[1]}"),
         "estimators": (base, "estimators=[gls]"),
         "estimator": (base, "estimator=triad"),
+        "imu": (base, "imu=stim300"),
         "reach_deg": (base, "reach_deg=[3]"),
         "windows_s": (base, "windows_s=[15]"),
         "split": (base, "split=train"),
@@ -186,6 +188,104 @@ def test_an_unfinished_dataset_is_refused_everywhere(cli, tmp_path):
         done = cli(module, "data=d.zarr")
         assert done.code == 2
         assert "is not finished: 1 of 1 shards are missing" in done.err
+
+
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory):
+    """Recordings in which the plate stands at 0, turns, and stands at 180 degrees."""
+    return generate(
+        tmp_path_factory.mktemp("t") / "t.zarr",
+        recordings=12,
+        rate_hz=10.0,
+        duration_s=60.0,
+        split=[0, 0, 1],
+        protocol=default_config("protocol=two_position").protocol,
+    )
+
+
+def test_what_cannot_answer_is_left_out_and_the_rest_go_on(cli, tmp_path, turning):
+    done = cli("lbgc.evaluate", f"data={turning.path}", "estimator=all", "windows_s=[10,60]")
+    said = results(done, tmp_path)
+    rows = {(r["estimator"], r["window_s"]) for r in said["rows"]}
+    out = {(r["estimator"], r["window_s"]): r["why"] for r in said["left_out"]}
+    assert rows | set(out) == {(name, w) for name in KNOWN for w in (10.0, 60.0)}
+    assert not rows & set(out)
+    assert ("two_position", 60.0) in rows
+    assert ("two_position", 10.0) in out
+    assert "of plate travel within a window" in out["mean", 60.0]
+    notes = [n for n in said["notes"] if n.startswith("mean is left out")]
+    assert len(notes) == 1
+    assert "left out at 10, 60 s" in notes[0]
+    assert notes[0] in done.out
+    page = (tmp_path / done.last_line).read_text()
+    assert "left out at 10, 60 s" in page
+    assert "Error by heading" in page
+
+
+def test_where_none_can_answer_it_says_why(cli, tmp_path, turning):
+    done = cli("lbgc.evaluate", f"data={turning.path}", "estimators=[mean,triad]", "windows_s=[60]")
+    assert done.code == 2
+    for name in ("mean", "triad"):
+        assert f"estimator '{name}'" in done.err
+    assert "of plate travel within a window" in done.err
+    assert not list(tmp_path.glob("outputs/evaluate/*/results.json"))
+
+
+def test_every_window_is_in_the_csv(cli, tmp_path, dataset):
+    options = ("estimators=[mean,gls]", "windows_s=[20,60]")
+    done = cli("lbgc.evaluate", f"data={dataset.path}", *options)
+    said = results(done, tmp_path)
+    with (tmp_path / done.last_line).with_name("windows.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    names = "recording window_s start_s estimator heading_deg estimate_deg error_deg sigma_deg"
+    assert list(lines[0]) == names.split()
+    for row in said["rows"]:
+        own = [
+            line
+            for line in lines
+            if (line["estimator"], float(line["window_s"])) == (row["estimator"], row["window_s"])
+        ]
+        assert len(own) == row["windows"]
+        error, sigma = (np.array([float(o[n]) for o in own]) for n in ("error_deg", "sigma_deg"))
+        heading, estimate = (
+            np.array([float(o[n]) for o in own]) for n in ("heading_deg", "estimate_deg")
+        )
+        np.testing.assert_allclose((estimate - heading - error + 180) % 360, 180, atol=3e-6)
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(row["rmse_deg"], rel=1e-5)
+        nse = row["mean_normalised_squared_error"]
+        assert np.mean((error / sigma) ** 2) == pytest.approx(nse, rel=1e-4)
+        assert sum(s["windows"] for s in row["by_heading"]) == row["windows"]
+        parts = sum(s["windows"] * s["rmse_deg"] ** 2 for s in row["by_heading"])
+        assert parts / row["windows"] == pytest.approx(row["rmse_deg"] ** 2)
+        for name, (low, high) in row["intervals"].items():
+            assert low <= row[name] <= high, name
+    starts = {float(line["start_s"]) for line in lines if line["window_s"] == "20"}
+    assert starts == {0.0, 20.0, 40.0}
+    assert len({line["recording"] for line in lines}) == len(dataset.in_split("test"))
+
+
+def test_results_are_json_that_anyone_can_read(cli, tmp_path, turning):
+    """No NaN and no Infinity, which JSON does not have."""
+
+    def refuse(name):
+        raise AssertionError(name)
+
+    done = cli("lbgc.evaluate", f"data={turning.path}", "estimator=all", "windows_s=[60]")
+    text = (tmp_path / done.last_line).with_name("results.json").read_text()
+    said = json.loads(text, parse_constant=refuse)
+    assert said["rows"]
+    assert json.loads(json.dumps(said)) == said
+
+
+def test_a_log_is_weighed_once_its_sensor_is_known(cli, tmp_path):
+    write(tmp_path / "log.csv", columns())
+    options = (*CSV, "log.heading_deg=40", "estimators=[mean,gls]")
+    said = results(cli("lbgc.evaluate", *options), tmp_path)
+    assert {r["estimator"] for r in said["rows"]} == {"mean"}
+    assert {r["estimator"] for r in said["left_out"]} == {"gls"}
+    said = results(cli("lbgc.evaluate", *options, "imu=stim300"), tmp_path)
+    assert {r["estimator"] for r in said["rows"]} == {"mean", "gls"}
+    assert any("one recording" in note for note in said["notes"])
 
 
 def test_a_model_is_not_given_a_rate_it_cannot_use(cli, tmp_path, unit_bias_run):

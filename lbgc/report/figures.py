@@ -14,7 +14,8 @@ AXIS_COLOURS = ("#c0392b", "#27895a", "#2c5d9b")
 AXIS_NAMES = ("forward", "right", "down")
 ESTIMATOR_COLOURS = (
     *("#7f7f7f", "#d1691f", "#2c5d9b", "#27895a", "#8e44ad", "#c0392b", "#b8860b", "#17becf"),
-    *("#e377c2", "#556b2f", "#4b3f72", "#a0522d", "#000000"),
+    *("#e377c2", "#556b2f", "#4b3f72", "#a0522d", "#000000", "#1f9e89", "#9acd32", "#ff9896"),
+    *("#6baed6", "#c49c94"),
 )
 
 
@@ -73,6 +74,22 @@ def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[floa
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
     axes.minorticks_off()
     _plain_y_ticks(axes)
+    axes.legend(fontsize="small")
+    return figure
+
+
+def error_by_heading(
+    rows: Mapping[str, tuple[Sequence[float], Sequence[float]]], window_s: float
+) -> Figure:
+    """rows : estimator -> (middles of sectors of true heading in deg, RMSE in deg)."""
+    title = f"Error by heading, windows of {window_s:g} s"
+    figure, axes = _figure(title, "true heading, deg", "heading RMSE, deg")
+    for (name, (headings, errors)), colour in zip(
+        rows.items(), cycle(ESTIMATOR_COLOURS), strict=False
+    ):
+        axes.plot(headings, errors, "o-", color=colour, label=name)
+    axes.set_xticks(range(0, 360, 30))
+    axes.set_ylim(bottom=0)
     axes.legend(fontsize="small")
     return figure
 

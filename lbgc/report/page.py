@@ -58,6 +58,8 @@ class Result:
     notes: list[str]
     reach: Mapping[str, Mapping[float, str]]
     """Estimator -> error in degrees -> how long a window it takes."""
+    by_heading: Mapping[tuple[str, float], list[dict[str, float]]]
+    """By estimator and window length: heading_deg, windows and rmse_deg of each sector."""
 
     @property
     def estimators(self) -> list[str]:
@@ -182,6 +184,7 @@ def _pictures(result: Result, run: str | None) -> list[dict]:
     }
     drawn = [
         ("Error against window length", figures.png(figures.error_against_window(rmse))),
+        ("Error by heading", figures.png(_by_heading(result))),
         ("Box plots of the errors", figures.png(figures.box_plots(by_name))),
         ("Allan deviation of the data", figures.png(_allan(result.subject))),
     ]
@@ -191,6 +194,19 @@ def _pictures(result: Result, run: str | None) -> list[dict]:
     if picture is not None and picture.is_file():
         drawn.append(("The bench", picture.read_bytes()))
     return [{"title": t, "data": base64.b64encode(png).decode()} for t, png in drawn]
+
+
+def _by_heading(result: Result) -> Figure:
+    """Of the longest windows that every estimator answered, or else of the longest."""
+    lengths = {w for _, w in result.rows}
+    common = {w for w in lengths if all((n, w) in result.rows for n in result.estimators)}
+    longest = max(common or lengths)
+    rows = {
+        name: ([s["heading_deg"] for s in sectors], [s["rmse_deg"] for s in sectors])
+        for (name, window), sectors in result.by_heading.items()
+        if window == longest
+    }
+    return figures.error_by_heading(rows, longest)
 
 
 def _allan(subject: Subject) -> Figure:

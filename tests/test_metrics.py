@@ -1,0 +1,104 @@
+"""What errors amount to, how surely, and how long a window it takes."""
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from lbgc.metrics import RESAMPLES, summarise, time_to_reach
+
+
+def test_an_interval_is_as_wide_as_theory_says(rng):
+    """Of n normal errors the mean square has a relative standard deviation of sqrt(2/n), the RMSE
+    half of that. The bootstrap's own spread comes from the sample's kurtosis, sqrt(24/n) of 3, and
+    from taking percentiles of 400 resamples: about 6% of the half-width each."""
+    n = 3000
+    errors = np.deg2rad(2.0) * rng.standard_normal(n)
+    low, high = summarise(errors, np.zeros(n), recording=np.arange(n)).intervals["rmse_deg"]
+    assert (high - low) / 2 == pytest.approx(1.96 * 2.0 / np.sqrt(2 * n), rel=0.25)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say(rng):
+    """95% intervals of 200 samples of 200: the count that hold is binomial, sd 1.5%, and a
+    percentile bootstrap of 200 normal errors is short by about 1%: 4 sd below and 2.5 above."""
+    n, trials = 200, 200
+    held = 0
+    for _ in range(trials):
+        errors = np.deg2rad(rng.standard_normal(n))
+        said = summarise(errors, np.zeros(n), recording=np.arange(n))
+        low, high = said.intervals["rmse_deg"]
+        held += low <= 1.0 <= high
+    assert 0.95 - 0.01 - 4 * 0.0154 < held / trials <= 0.95 + 2.5 * 0.0154
+
+
+def test_windows_of_one_recording_are_no_more_than_one(rng):
+    """Where a recording's windows all have its error, ten windows each narrow nothing."""
+    own = np.deg2rad(rng.standard_normal(300))
+    once = summarise(own, np.zeros(300), recording=np.arange(300))
+    ten = summarise(np.repeat(own, 10), np.zeros(3000), recording=np.repeat(np.arange(300), 10))
+    assert ten.windows == 3000
+    for name in ("rmse_deg", "median_deg", "iqr_deg", "p95_deg", "rmse_cos_latitude_deg"):
+        narrow, wide = np.diff(ten.intervals[name])[0], np.diff(once.intervals[name])[0]
+        assert narrow == pytest.approx(wide, rel=0.15), name
+
+
+def test_one_recordings_windows_are_resampled_instead(rng):
+    errors = np.sort(np.deg2rad(rng.exponential(size=50)))
+    one = summarise(errors, np.zeros(50), recording=np.zeros(50))
+    assert one.intervals == summarise(errors, np.zeros(50), recording=np.arange(50)).intervals
+    assert summarise(errors[:1], np.zeros(1), recording=np.zeros(1)).intervals is None
+
+
+def test_every_figure_lies_about_its_interval(rng):
+    """Unequal windows a recording too; and drawing them in parts changes nothing that matters."""
+    own = rng.integers(0, 60, 700)
+    errors = np.deg2rad(rng.standard_normal(700) + 0.5 * rng.standard_normal(60)[own])
+    said = summarise(errors, np.full(700, 0.5), np.full(700, np.deg2rad(1.1)), own)
+    assert set(said.intervals) == {
+        *("rmse_deg", "median_deg", "iqr_deg", "p95_deg", "rmse_cos_latitude_deg"),
+        "mean_normalised_squared_error",
+    }
+    for name, (low, high) in said.intervals.items():
+        assert low < getattr(said, name) < high, name
+
+
+def test_resamples_in_parts_are_as_good(rng, monkeypatch):
+    own = np.repeat(np.arange(400), 5)
+    errors = np.deg2rad(rng.standard_normal(2000))
+    whole = summarise(errors, np.zeros(2000), recording=own).intervals
+    monkeypatch.setattr("lbgc.metrics._WEIGHTS", 2000 * RESAMPLES / 7)
+    parts = summarise(errors, np.zeros(2000), recording=own).intervals
+    assert whole == parts
+
+
+def test_a_true_sigma_has_a_normalised_squared_error_of_one(rng):
+    """Of n normal errors the mean of (e/sigma)^2 has a standard deviation of sqrt(2/n): 4 of it."""
+    n = 20_000
+    sigma = np.deg2rad(rng.uniform(0.1, 5.0, n))
+    errors = sigma * rng.standard_normal(n)
+    said = summarise(errors, np.zeros(n), sigma).mean_normalised_squared_error
+    assert said == pytest.approx(1.0, abs=4 * np.sqrt(2 / n))
+    halved = summarise(errors, np.zeros(n), sigma / 2).mean_normalised_squared_error
+    assert halved == pytest.approx(4 * said)
+
+
+@pytest.mark.parametrize("none", [np.nan, 0.0, np.inf])
+def test_a_sigma_that_is_none_is_not_judged(none):
+    said = summarise(np.ones(3), np.zeros(3), np.array([1.0, none, 1.0]), np.arange(3))
+    assert said.mean_normalised_squared_error is None
+    json.dumps(asdict(said), allow_nan=False)
+
+
+def test_the_time_to_an_error_is_interpolated_in_logarithms():
+    windows = [10.0, 40.0, 160.0]
+    rmse = [10.0 / np.sqrt(w) for w in windows]
+    assert time_to_reach(windows, rmse, 5.0) == "<= 10 s"
+    for seconds in (20.0, 40.0, 100.0):
+        assert time_to_reach(windows, rmse, 10.0 / np.sqrt(seconds)) == f"{seconds:g} s"
+    assert time_to_reach(windows, rmse, 0.1) == "never"
+
+
+def test_an_error_that_comes_back_is_not_reached_before():
+    assert time_to_reach([10, 20, 40, 80], [2.0, 0.5, 2.0, 0.5], 1.0) == "56.6 s"
+    assert time_to_reach([10, 20], [0.5, 2.0], 1.0) == "never"
