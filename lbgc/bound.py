@@ -102,16 +102,16 @@ def floor(
 def budget(imu: ImuModel, course: Course, site: Site) -> dict[str, float]:
     """What each source contributes to the most likely heading's error, rad RMS over headings.
 
-    With the optimal weights A = J^-1 D' C^-1 the errors of z = q + A e are those of the sources,
-    A C_i A' each; their squares add up to the bound's.
+    Small errors are n'(h - J q)/(n' J n), n across the heading, and h - J q is the weights times
+    the sources' errors: their squares add up to the bound's.
     """
     told = information(imu, course, site)
-    A = np.linalg.solve(told.J, told.weights.reshape(2, -1)).reshape(told.weights.shape)
     across = np.stack([-np.sin(_HEADINGS), np.cos(_HEADINGS)], axis=-1)
     found = {}
     for name, C in sources(imu, course, site).items():
-        spread = np.einsum("ian,anm,jam->ij", A, C, A)
-        found[name] = float(np.sqrt(np.mean(np.sum((across @ spread) * across, axis=1))))
+        spread = np.einsum("ian,anm,jam->ij", told.weights, C, told.weights)
+        variance = np.sum((across @ spread) * across, axis=1) * told.sigma(_HEADINGS) ** 4
+        found[name] = float(np.sqrt(max(np.mean(variance), 0.0)))
     return {name: size for name, size in found.items() if size > 0}
 
 
@@ -122,7 +122,9 @@ def course_of(config: ProtocolConfig, duration_s: float, start_s: float = 0.0) -
     interval = duration_s / MOST_BLOCKS
     middles = (np.arange(MOST_BLOCKS * fine) + 0.5) * interval / fine
     angle = planned.command(middles)[0].reshape(MOST_BLOCKS, fine).mean(axis=1)
-    return Course.planned(angle - planned.start, interval, start_s)
+    course = Course.planned(angle - planned.start, interval, start_s)
+    require(len(course.blocks) > 1, "windows_s", duration_s, "leaves no rest between the slews")
+    return course
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import pytest
 import torch
 from helpers import composed, default_config, generate
 
+import lbgc.bound
 import lbgc.calibrate
 import lbgc.evaluate
 import lbgc.fit
@@ -21,6 +22,7 @@ torch.set_num_threads(1)  # the tests run on two processes
 ENTRY_POINTS = {
     "sim.generate": (sim.generate.main, sim.generate.GenerateConfig, "generate"),
     "sim.scene": (sim.render.view, sim.render.ViewConfig, "scene_view"),
+    "lbgc.bound": (lbgc.bound.main, lbgc.bound.BoundConfig, "bound"),
     "lbgc.fit": (lbgc.fit.main, lbgc.fit.FitConfig, "fit"),
     "lbgc.calibrate": (lbgc.calibrate.main, lbgc.calibrate.CalibrateConfig, "calibrate"),
     "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),

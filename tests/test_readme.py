@@ -17,6 +17,7 @@ SMALLER = {
     "lbgc/train.py": ["steps=2", "validate_every=1", "windows_s=[10]", "batch=4"],
     "lbgc/evaluate.py": ["windows_s=[10]"],
     "lbgc/fit.py": [],
+    "lbgc/bound.py": ["windows_s=[30]"],
     "lbgc/calibrate.py": [],
 }
 NEEDS = {"log=lasergyro": "lasergyro.imu"}

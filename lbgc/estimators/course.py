@@ -13,7 +13,10 @@ from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix
 
 MOST_BLOCKS = 240
-_MOVES = np.deg2rad(0.01)
+_RESTS = np.deg2rad(1e-4)
+"""Of travel from block to block."""
+_STEADY = np.deg2rad(0.003)
+"""Of change in it; an encoder has steps."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +61,20 @@ class Course:
     def planned(cls, angle: np.ndarray, interval: float, start_s: float = 0.0) -> "Course":
         """Of block means of the plate's angle, (n,), rad, unwrapped.
 
-        Blocks in which the plate speeds up or slows down are left out: a gyro's misalignment times
-        a slew's unsteady rate is far above what they could tell of north.
+        Left out are blocks in which the plate speeds up or slows down, and slews between rests: a
+        gyro's misalignment, or the base's lean, times a slew's rate is far above what they could
+        tell of north. A plate that turns for most of the window is on a carousel, and stays in.
         """
-        before = np.diff(angle, prepend=angle[:1] - np.diff(angle[:2]))
-        after = np.diff(angle, append=angle[-1:] + np.diff(angle[-2:]))
-        steady = np.abs(after - before) < _MOVES
-        turning = (after + before) / 2
-        rate = np.where(np.abs(turning) > _MOVES, turning / interval, 0.0)
+        travel = np.diff(angle)
+        before = np.concatenate([travel[:1], travel])
+        after = np.concatenate([travel, travel[-1:]])
+        resting = np.maximum(np.abs(before), np.abs(after)) < _RESTS
+        turning = (np.abs(after - before) < _STEADY) & ~resting
+        turning[[0, -1]] = False  # an end has but one neighbour to tell by
+        rate = np.where(resting, 0.0, (after + before) / 2 / interval)
         start = round(start_s / interval)
         every = cls(interval, start, tuple(range(len(angle))), tuple(angle), tuple(rate))
-        return every.only(steady)
+        return every.only(turning if turning.mean() > 0.5 else resting)
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,7 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     gyro, accel = mean(windows.gyro), mean(windows.accel)
     interval = size / windows.rate_hz
     turning = np.gradient(angle, interval, axis=1) if n > 1 else np.zeros_like(angle)
+    turning[np.abs(turning) * interval < _RESTS] = 0.0
     gyro[..., 2] -= turning
     tilt = _tilt(angle, accel)
     data = np.concatenate([_turned_level(v, angle, tilt) for v in (gyro, accel)], axis=1)

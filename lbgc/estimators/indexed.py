@@ -36,6 +36,8 @@ def answer(
     check(name, windows)
     heading, sigma = np.empty(len(windows)), np.empty(len(windows))
     for part in levelled(windows, None if imu is None else imu.dt):
+        if not part.course.blocks:
+            raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
         if part.tilt.max() > LEANS:
             about = f"of lean; it takes a base within {np.rad2deg(LEANS):g} degrees of level"
             raise refusal(name, f"{np.rad2deg(part.tilt.max()):.3g}", "deg", about)

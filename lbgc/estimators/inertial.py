@@ -31,8 +31,9 @@ from lbgc.sensor.imu import ImuModel
 _LEAST_SAMPLES = 50
 _STUDENT = 1.1
 """nu/(nu - 2), by which dividing by a variance of nu degrees of freedom raises the mean of squared
-ratios: measured, 1.18 to 1.20 for white velocity and 1.00 to 1.06 for a sway about 1 Hz (windows of
-10 and 30 s); this lies between them, and both are then within 10%."""
+ratios: measured without it, 1.18 to 1.20 for white velocity and 1.00 to 1.06 for a sway about 1 Hz
+(windows of 10 and 30 s). This lies between. A sway of a narrow band gives 0.8 to 0.95 with it: its
+sigma is then too large by up to a tenth."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,236 @@
+"""Estimators on level benches, the Gaussian model under them, and the bound that it makes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import composed
+from simulated import PROTOCOLS, windows
+
+from lbgc.bound import BoundConfig, budget, course_of, crlb, expected_floor, floor, white_crlb
+from lbgc.earth import normal_gravity
+from lbgc.errors import InputError
+from lbgc.estimators import CLASSICAL
+from lbgc.estimators.course import levelled
+from lbgc.estimators.information import Site, bayes, information
+from lbgc.frames import wrap
+from lbgc.sensor.imu import ImuModel
+
+RATE_HZ = 10.0
+WHO = {
+    "static": ("mean", "triad", "gls"),
+    "two_position": ("two_position", "two_position_weighted", "gls"),
+    "four_position": ("cosine_fit", "cosine_fit_weighted", "gls"),
+    "carousel": ("carousel", "carousel_weighted", "gls"),
+}
+PAIRS = [(protocol, name) for protocol, names in WHO.items() for name in names]
+COUNT = 400
+
+
+def model(name: str = "sdc500") -> ImuModel:
+    imu = composed(BoundConfig, "bound", f"imu={name}").imu.model(RATE_HZ)
+    # ten samples a second make counts of 0.001 deg/s coarse; tests draw without
+    return replace(imu, gyro=replace(imu.gyro, lsb=None), accel=replace(imu.accel, lsb=None))
+
+
+IDEAL = model("ideal")
+SDC500 = model()
+
+
+def site(latitude_deg: float) -> Site:
+    latitude = float(np.deg2rad(latitude_deg))
+    return Site(latitude, normal_gravity(latitude))
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return {p: windows(SDC500, p, 32.76, 240.0, COUNT, seed=5) for p in WHO}
+
+
+@pytest.mark.parametrize(("protocol", "name"), PAIRS)
+@pytest.mark.parametrize("latitude", [-60.0, 0.0, 32.76, 80.0])
+def test_without_errors_the_heading_is_exact(protocol, name, latitude):
+    """Both hemispheres, the equator, all headings, a base that leans."""
+    headings = np.deg2rad(np.arange(-170.0, 190.0, 30.0))
+    w = windows(IDEAL, protocol, latitude, 120.0, len(headings), 0, tilt_deg=(3.0, -4.0),
+                heading=headings)  # fmt: skip
+    found = CLASSICAL[name](w, SDC500)
+    # a leaning carousel's axes turn by 6 degrees within a block, which its means know to 1e-3
+    close = np.deg2rad(0.02 if protocol == "carousel" else 2e-3)
+    np.testing.assert_allclose(wrap(found.heading - headings), 0.0, atol=close)
+
+
+@pytest.mark.parametrize(("protocol", "name"), PAIRS)
+def test_a_stated_sigma_is_true(drawn, protocol, name):
+    """Mean of (error/sigma)^2 over 400: its own spread is sqrt(2/400) = 0.07; four of them."""
+    w = drawn[protocol]
+    found = CLASSICAL[name](w, SDC500)
+    nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
+    assert nse == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("protocol", "name"), PAIRS)
+def test_how_far_from_the_floor(drawn, protocol, name):
+    """On the same windows: with weighting at most 1.02, plainly 1.05; and a sampling error of a
+    ratio that is paired, so small where the two nearly agree."""
+    w = drawn[protocol]
+    rmse = [
+        np.sqrt(np.mean(wrap(estimate(w, SDC500).heading - w.heading) ** 2))
+        for estimate in (CLASSICAL[name], floor)
+    ]
+    most = 1.02 if name.endswith("weighted") or name == "gls" else 1.05
+    assert 0.97 < rmse[0] / rmse[1] < most + 0.015
+
+
+def test_turning_the_plate_beats_resting(drawn):
+    """sdc500, 1 deg/h of run bias, 240 s: the issue's figures, each with its sampling error."""
+
+    def rmse(name, protocol):
+        w = drawn[protocol]
+        errors = wrap(CLASSICAL[name](w, SDC500).heading - w.heading)
+        return np.rad2deg(np.sqrt(np.mean(errors**2)))
+
+    assert rmse("mean", "static") == pytest.approx(4.7, rel=4 / np.sqrt(2 * COUNT))
+    assert rmse("two_position_weighted", "two_position") < 0.95
+    assert rmse("carousel_weighted", "carousel") < 0.70
+
+
+def test_white_noise_reaches_the_closed_form():
+    """Variance over N^2/(Omega^2 cos^2 T): 1 within four of its sampling errors."""
+    none = dict.fromkeys(("B", "K", "bias_run", "bias_unit", "scale_unit", "misalignment_unit",
+                          "tone"), (0.0, 0.0, 0.0))  # fmt: skip
+    quiet = replace(SDC500.accel, N=(1e-9,) * 3, **none)
+    imu = replace(SDC500, gyro=replace(SDC500.gyro, **none), accel=quiet)
+    w = windows(imu, "static", 32.76, 60.0, 2000, seed=2, interval=5.0)
+    closed = white_crlb(imu.gyro.N[0], w.latitude[0], 60.0)
+    for name in ("mean", "gls"):
+        variance = np.mean(wrap(CLASSICAL[name](w, imu).heading - w.heading) ** 2)
+        assert variance / closed**2 == pytest.approx(1.0, abs=4 * np.sqrt(2 / 2000))
+    told = information(imu, course_of(PROTOCOLS["static"], 60.0), site(32.76))
+    assert crlb(told) == pytest.approx(closed, rel=1e-3)
+
+
+def test_the_secant_law():
+    wide = [
+        crlb(information(SDC500, course_of(PROTOCOLS["two_position"], 240.0), site(lat)))
+        for lat in (0.0, 40.0, 70.0)
+    ]
+    np.testing.assert_allclose(
+        np.array(wide) * np.cos(np.deg2rad([0.0, 40.0, 70.0])), wide[0], rtol=0.02
+    )
+
+
+def test_the_floors_estimator_against_brute_force():
+    """A window of few blocks: the posterior by integrating the full Gaussian density over the
+    heading and over both tilts, on a grid, with the covariance inverted whole."""
+    w = windows(SDC500, "two_position", 50.0, 30.0, 2, seed=3, interval=2.5)
+    part = levelled(w, SDC500.dt)[0]
+    here = site(50.0)
+    from lbgc.estimators.information import covariance, turn
+
+    design, C = turn(part.course, here), covariance(SDC500, part.course, here)
+    whole = np.zeros((4 * C.shape[1],) * 2)
+    for a in range(4):
+        cut = slice(a * C.shape[1], (a + 1) * C.shape[1])
+        whole[cut, cut] = C[a]
+    inverse, D = np.linalg.inv(whole), design.reshape(-1, 4)
+    psi = np.linspace(-np.pi, np.pi, 361)[:-1]
+    tilts = np.linspace(-1.2e-2, 1.2e-2, 41)
+    for row, data in enumerate(part.data):
+        p = np.zeros(len(psi))
+        for k, angle in enumerate(psi):
+            rest = data.ravel() - D[:, :2] @ [np.cos(angle), np.sin(angle)]
+            best = np.linalg.solve(D[:, 2:].T @ inverse @ D[:, 2:], D[:, 2:].T @ inverse @ rest)
+            x, y = np.meshgrid(best[0] + tilts, best[1] + tilts)
+            off = rest[:, None] - D[:, 2:] @ np.stack([x.ravel(), y.ravel()])
+            p[k] = np.sum(np.exp(-0.5 * np.sum(off * (inverse @ off), axis=0)))
+        p /= p.sum()
+        mean = np.angle(np.sum(p * np.exp(1j * psi)))
+        told = information(SDC500, part.course, here)
+        found = bayes(told.told(part.data[row : row + 1]), told.J)
+        assert wrap(found.heading[0] - mean) == pytest.approx(0.0, abs=np.deg2rad(0.02))
+        spread = np.sqrt(np.sum(p * wrap(psi - mean) ** 2))
+        assert found.sigma[0] == pytest.approx(spread, rel=0.01)
+
+
+def test_above_thirty_degrees_the_floor_saturates_and_the_closed_form_is_silent():
+    noisy = replace(SDC500, gyro=replace(SDC500.gyro, bias_run=(1e-2,) * 3))
+    told = information(noisy, course_of(PROTOCOLS["static"], 60.0), site(32.76))
+    assert np.isnan(crlb(told))
+    # the RMS of a uniform angle is 180/sqrt 3 = 103.9 degrees
+    assert np.rad2deg(expected_floor(told)) == pytest.approx(103.9, rel=0.04)
+
+
+def test_the_budget_adds_up_to_the_bound():
+    course = course_of(PROTOCOLS["two_position"], 240.0)
+    parts = budget(SDC500, course, site(32.76))
+    told = information(SDC500, course, site(32.76))
+    assert np.sqrt(sum(v**2 for v in parts.values())) == pytest.approx(crlb(told), rel=1e-3)
+    assert parts["bias of the run"] < 0.1 * parts["bias instability"]
+
+
+def test_a_later_window_of_a_random_walk_is_worse():
+    walk = replace(SDC500, gyro=replace(SDC500.gyro, K=(2e-7,) * 3, bias_run=(0.0,) * 3))
+    early, late = (
+        crlb(information(walk, course_of(PROTOCOLS["static"], 60.0, start), site(0.0)))
+        for start in (0.0, 600.0)
+    )
+    assert late > 1.5 * early
+
+
+@pytest.mark.parametrize(
+    ("protocol", "name", "says"),
+    [
+        ("static", "two_position", "half a turn apart"),
+        ("two_position", "cosine_fit", "three or more"),
+        ("static", "carousel", "half a turn or more"),
+        ("two_position", "mean", "at rest only"),
+        ("two_position", "triad", "at rest only"),
+    ],
+)
+def test_what_an_estimator_cannot_answer_it_refuses(drawn, protocol, name, says):
+    with pytest.raises(InputError, match=says):
+        CLASSICAL[name](drawn[protocol], SDC500)
+
+
+def test_other_refusals(drawn):
+    w = drawn["static"]
+    with pytest.raises(InputError, match="noise model"):
+        CLASSICAL["gls"](w, None)
+    with pytest.raises(InputError, match="without accelerometers"):
+        CLASSICAL["gls"](replace(w, accel=0 * w.accel), SDC500)
+    with pytest.raises(InputError, match="no north"):
+        CLASSICAL["gls"](replace(w, latitude=0 * w.latitude + np.pi / 2), SDC500)
+    leaning = windows(IDEAL, "static", 40.0, 20.0, 2, 0, tilt_deg=(20.0, 0.0))
+    with pytest.raises(InputError, match="degrees of level"):
+        CLASSICAL["gls"](leaning, SDC500)
+
+
+def test_triad_is_the_mean_by_another_way(drawn):
+    w = drawn["static"]
+    both = [CLASSICAL[name](w, None).heading for name in ("mean", "triad")]
+    np.testing.assert_allclose(wrap(both[0] - both[1]), 0.0, atol=1e-9)
+
+
+def test_the_command_prints_bound_and_budget(cli, tmp_path):
+    done = cli("lbgc.bound", "imu=stim300", "protocol=two_position", "latitude=60",
+               "windows_s=[60,240]")  # fmt: skip
+    assert done.code == 0, done.err
+    assert "STIM300, two_position, latitude 60: degrees" in done.out
+    assert "white noise" in done.out
+    assert (tmp_path / done.last_line / "bound.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("latitude=90",), "must be between the poles"),
+        (("known=[month]",), "choose from unit, session, run"),
+        (("windows_s=[]",), "must name a length"),
+        (("protocol=two_position", "windows_s=[5]"), "takes 6.5 s with its slews"),
+    ],
+)
+def test_bad_bound_input_is_named(cli, options, says):
+    done = cli("lbgc.bound", *options)
+    assert done.code == 2
+    assert says in done.err

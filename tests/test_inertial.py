@@ -1,0 +1,118 @@
+"""Alignment in the inertial frame: on swaying bases made with rotation matrices, and on a real
+vehicle's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import composed, needs_recording
+from scipy.signal import lfilter
+
+from lbgc.data import logs
+from lbgc.data.windows import Windows, cut
+from lbgc.earth import earth_rate_ned, normal_gravity
+from lbgc.errors import InputError
+from lbgc.estimators.inertial import oba, oba_interval, oba_textbook
+from lbgc.evaluate import EvaluateConfig
+from lbgc.frames import euler_to_matrix, rotation_z, wrap
+
+
+def swaying(count, duration_s, rate_hz, latitude_deg, tilt_deg, velocity, seed=0, turn=0.0):
+    """A body of fixed attitude (or turning about its z axis) whose site moves at `velocity`,
+    (count, n + 1, 3) in n."""
+    rng = np.random.default_rng(seed)
+    n, latitude = round(duration_s * rate_hz), np.deg2rad(latitude_deg)
+    psi = rng.uniform(-np.pi, np.pi, count)
+    base = euler_to_matrix(*np.deg2rad(tilt_deg), psi)
+    angle = turn * (np.arange(n) + 0.5) / rate_hz
+    c_nb = np.einsum("wij,njk->wnik", base, rotation_z(angle))
+    omega = np.einsum("wnij,i->wnj", c_nb, earth_rate_ned(latitude))
+    omega[..., 2] += turn
+    force = np.diff(velocity, axis=1) * rate_hz - [0.0, 0.0, normal_gravity(latitude)]
+    felt = np.einsum("wnij,wni->wnj", c_nb, force)
+    plate = np.tile(turn * (np.arange(n) + 1.0) / rate_hz, (count, 1))
+    where = np.full(count, latitude)
+    return Windows(omega, felt, plate, rate_hz, where, psi, psi, np.zeros(count))
+
+
+def still(count, n):
+    return np.zeros((count, n + 1, 3))
+
+
+@pytest.mark.parametrize("estimate", [oba, oba_textbook, oba_interval])
+@pytest.mark.parametrize("latitude", [-50.0, 0.0, 65.0])
+@pytest.mark.parametrize("turn_deg_s", [0.0, 12.0])
+def test_without_sway_the_heading_is_exact(estimate, latitude, turn_deg_s):
+    """At 30 degrees of lean, in both hemispheres; on a plate that turns, level."""
+    tilt = (0.0, 0.0) if turn_deg_s else (30.0, -20.0)
+    w = swaying(8, 20.0, 50.0, latitude, tilt, still(8, 1000), turn=np.deg2rad(turn_deg_s))
+    # the force's mean over half a sample's turn is known to its square: 0.12 degrees at 12 deg/s
+    off = wrap(estimate(w).heading - w.heading)
+    np.testing.assert_allclose(off, 0.0, atol=np.deg2rad(0.15 if turn_deg_s else 1e-3))
+
+
+@pytest.mark.parametrize("estimate", [oba, oba_interval])
+@pytest.mark.parametrize("sway", ["white", "one hertz"])
+def test_a_stated_sigma_is_true(estimate, sway):
+    """Mean squared error over variance, 1,500 windows of 10 s: within the 10% asked for and four
+    sampling errors, sqrt(2/1500) each with some more for heavy tails (5%)."""
+    count, n, rate = 1500, 200, 20.0
+    rng = np.random.default_rng(3)
+    velocity = 1e-3 * rng.standard_normal((count, n + 501, 3))
+    if sway == "one hertz":
+        w0 = 2 * np.pi * 1.2 / rate
+        r = np.exp(-0.15 * w0)
+        velocity = lfilter([1], [1, -2 * r * np.cos(w0), r * r], velocity, axis=1)
+    w = swaying(count, 10.0, rate, 34.0, (2.0, -3.0), velocity[:, 500:])
+    found = estimate(w)
+    nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
+    assert 0.9 - 0.2 < nse < 1.1 + 0.2
+
+
+def test_what_it_cannot_answer_it_refuses():
+    w = swaying(2, 10.0, 20.0, 34.0, (0.0, 0.0), still(2, 200))
+    with pytest.raises(InputError, match="without accelerometers"):
+        oba(replace(w, accel=0 * w.accel))
+    with pytest.raises(InputError, match="no north"):
+        oba(replace(w, latitude=w.latitude * 0 - np.pi / 2))
+    with pytest.raises(InputError, match="fast enough to see the sway"):
+        oba(swaying(2, 10.0, 2.0, 34.0, (0.0, 0.0), still(2, 20)))
+
+
+@pytest.fixture(scope="module")
+def lasergyro():
+    return next(iter(logs.read(composed(EvaluateConfig, "evaluate", "log=lasergyro").log)))
+
+
+def rmse_deg(errors):
+    return np.rad2deg(np.sqrt(np.mean(errors**2)))
+
+
+@needs_recording("lasergyro.imu")
+@pytest.mark.parametrize(("window_s", "most"), [(10.0, 1.8), (30.0, 0.2), (60.0, 0.1)])
+def test_on_a_real_vehicle(lasergyro, window_s, most):
+    w = cut(lasergyro, window_s)
+    free, zero = (wrap(f(w).heading - w.heading_reference) for f in (oba, oba_textbook))
+    assert rmse_deg(free) <= most
+    assert rmse_deg(zero) > 3 * rmse_deg(free)
+
+
+@needs_recording("lasergyro.imu")
+def test_its_sigma_tells_good_windows_from_bad_ones(lasergyro):
+    w = cut(lasergyro, 10.0)
+    found = oba(w)
+    errors = wrap(found.heading - w.heading_reference)[np.argsort(found.sigma)]
+    half = len(errors) // 2
+    assert rmse_deg(errors[:half]) <= 0.6 * rmse_deg(errors[half:])
+
+
+@needs_recording("lasergyro.imu")
+def test_turned_about_its_z_axis_the_answer_follows(lasergyro):
+    w = cut(lasergyro, 10.0)
+    w = replace(w, **{k: getattr(w, k)[:4] for k in vars(w) if k != "rate_hz"})
+    straight = oba(w).heading
+    for angle in np.deg2rad(np.arange(10.0, 360.0, 10.0)):
+        R = rotation_z(angle)
+        turned = oba(replace(w, gyro=w.gyro @ R, accel=w.accel @ R)).heading
+        # the mean yaw of a body that leans by a: turning about z moves it by the angle to a^2
+        np.testing.assert_allclose(wrap(turned - straight - angle), 0.0, atol=2e-4)
