@@ -234,3 +234,11 @@ def test_bad_bound_input_is_named(cli, options, says):
     done = cli("lbgc.bound", *options)
     assert done.code == 2
     assert says in done.err
+
+
+def test_one_block_is_a_window_too():
+    w = windows(IDEAL, "static", 40.0, 10.0, 3, 0, interval=10.0)
+    for name in ("mean", "gls"):
+        found = CLASSICAL[name](w, SDC500)
+        np.testing.assert_allclose(wrap(found.heading - w.heading), 0.0, atol=1e-4)
+        assert np.isfinite(found.sigma).all()

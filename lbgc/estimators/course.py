@@ -65,9 +65,9 @@ class Course:
         gyro's misalignment, or the base's lean, times a slew's rate is far above what they could
         tell of north. A plate that turns for most of the window is on a carousel, and stays in.
         """
-        travel = np.diff(angle)
-        before = np.concatenate([travel[:1], travel])
-        after = np.concatenate([travel, travel[-1:]])
+        travel = np.diff(angle) if len(angle) > 1 else np.zeros(1)
+        before = np.concatenate([travel[:1], travel])[: len(angle)]
+        after = np.concatenate([travel, travel[-1:]])[: len(angle)]
         resting = np.maximum(np.abs(before), np.abs(after)) < _RESTS
         turning = (np.abs(after - before) < _STEADY) & ~resting
         turning[[0, -1]] = False  # an end has but one neighbour to tell by
