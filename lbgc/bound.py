@@ -23,13 +23,14 @@ from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
 from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled
-from lbgc.estimators.estimate import Estimate
+from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.indexed import answer, needs_model
 from lbgc.estimators.information import (
     LIFETIMES,
     Information,
     Site,
     bayes,
+    covariance,
     information,
     known,
     sources,
@@ -85,18 +86,38 @@ def expected_floor(told: Information, reference_sigma: float = 0.0) -> float:
     return float(np.sqrt(np.mean(square) + reference_sigma**2))
 
 
-def floor(
-    windows: Windows, imu: ImuModel | None = None, lifetimes: tuple[str, ...] = ()
-) -> Estimate:
+def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """The Bayes-optimal estimate of windows, from the block means of at most 240 blocks at rest or
-    in steady motion. lifetimes : what is known, and taken out of the windows already."""
-    model = known(needs_model("floor", imu), lifetimes)
+    in steady motion. What is known of the sensor's errors is taken out of both (see `known`).
+
+    Raises InputError where the data scatter far more than the model says: on a base that sways
+    this is the optimum of nothing, and no floor.
+    """
+    model = needs_model("floor", imu)
 
     def each(part: Levelled, site: Site) -> Estimate:
         told = information(model, part.course, site)
-        return bayes(told.told(part.data), told.J)
+        h = told.told(part.data)
+        _check_fit(part, covariance(model, part.course, site), h, told)
+        return bayes(h, told.J)
 
     return answer(windows, model, each, "floor")
+
+
+def _check_fit(part: Levelled, C: np.ndarray, h: np.ndarray, told: Information) -> None:
+    """Mean of the normalised squares that the fit leaves: 1 if the model is right. It may be 2, or
+    ten of its own standard deviations where there are few."""
+    white = sum(
+        np.sum(d * np.linalg.solve(c, d.T).T, axis=1)
+        for d, c in zip(np.moveaxis(part.data, 1, 0), C, strict=True)
+    )
+    explained = np.sum(h * np.linalg.solve(told.J, h.T).T, axis=1)
+    count = 4 * part.data.shape[2]
+    left = float(np.mean(white - explained)) / count
+    most = max(2.0, 1 + 10 * np.sqrt(2 / (count * len(h))))
+    if left > most:
+        about = "times the scatter that the sensor's model explains: the base moves, or the model "
+        raise refusal("floor", f"{left:.3g}", "", about + "is not this sensor's")
 
 
 def budget(imu: ImuModel, course: Course, site: Site) -> dict[str, float]:
@@ -253,8 +274,8 @@ def _curves(config: BoundConfig) -> dict[str, tuple[list[float], list[float]]]:
     longest = max(config.windows_s)
     times = np.geomspace(min(10.0, longest / 4), longest, 9).round(3).tolist()
     curves = {}
+    at = replace(config, windows_s=times)
     for name, protocol in tqdm(protocols.items(), "drawing", leave=False):
-        at = replace(config, windows_s=times)
         rows = bounds(at, protocol)
         curves[name] = [r["window_s"] for r in rows], [r["floor_deg"] for r in rows]
     return curves

@@ -242,3 +242,10 @@ def test_one_block_is_a_window_too():
         found = CLASSICAL[name](w, SDC500)
         np.testing.assert_allclose(wrap(found.heading - w.heading), 0.0, atol=1e-4)
         assert np.isfinite(found.sigma).all()
+
+
+def test_the_floor_of_another_sensor_or_a_swaying_base_is_none(drawn):
+    w = drawn["static"]
+    rocking = 0.05 * np.sin(np.arange(w.accel.shape[1]))[None, :, None]
+    with pytest.raises(InputError, match="the base moves"):
+        floor(replace(w, accel=w.accel + rocking), SDC500)

@@ -77,7 +77,7 @@ def sources(imu: ImuModel, course: Course, site: Site) -> dict[str, np.ndarray]:
     rate = np.array(course.rate)
     gyro = _triad_sources(imu, imu.gyro, course, site.down + rate, site.north, site.gravity)
     accel = _triad_sources(imu, imu.accel, course, -site.gravity + 0 * rate, 0.0, 0.0)
-    accel["lever arm"] = _LEVER_M**2 * _constant(course, rate**2)
+    accel["lever arm"] = _LEVER_M**2 * _constant(rate**2)
     n = len(rate)
     every = {name: np.zeros((4, n, n)) for name in (*gyro, *(f"accelerometer {a}" for a in accel))}
     for name, covariance in gyro.items():
@@ -87,7 +87,7 @@ def sources(imu: ImuModel, course: Course, site: Site) -> dict[str, np.ndarray]:
     return every
 
 
-def _constant(course: Course, pattern: np.ndarray) -> np.ndarray:
+def _constant(pattern: np.ndarray) -> np.ndarray:
     """Of one unknown figure times a known pattern (n,): (2, n, n)."""
     one = np.outer(pattern, pattern)
     return np.stack([one, one])
@@ -101,7 +101,7 @@ def _triad_sources(
     one, angle = np.ones(n), np.array(course.angle)
 
     def scaled(sizes: tuple[float, ...], pattern: np.ndarray) -> np.ndarray:
-        return np.array(sizes[:2])[:, None, None] ** 2 * _constant(course, pattern)
+        return np.array(sizes[:2])[:, None, None] ** 2 * _constant(pattern)
 
     found = {f"bias of the {name}": scaled(getattr(triad, f"bias_{name}"), one)
              for name in LIFETIMES}  # fmt: skip
@@ -221,7 +221,7 @@ _NARROW = np.deg2rad(3.0)
 
 def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
     """The heading of the largest log p, (V,): on a grid, then Newton's steps."""
-    psi = _GRID[np.argmax(_log_p(h, J, np.broadcast_to(_GRID, (len(h), len(_GRID)))), axis=1)]
+    psi = _GRID[np.argmax(_log_p(h, J, _GRID[None]), axis=1)]
     for _ in range(6):
         q = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
         n = np.stack([-q[:, 1], q[:, 0]], axis=-1)
@@ -232,7 +232,7 @@ def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
 
 
 def _log_p(h: np.ndarray, J: np.ndarray, psi: np.ndarray) -> np.ndarray:
-    """psi : (V, G)."""
+    """psi : (V, G), or (1, G) for all alike."""
     c, s = np.cos(psi), np.sin(psi)
     quadratic = J[0, 0] * c * c + 2 * J[0, 1] * c * s + J[1, 1] * s * s
     return h[:, :1] * c + h[:, 1:] * s - quadratic / 2

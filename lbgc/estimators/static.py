@@ -1,5 +1,7 @@
 """North from a resting IMU: levelling and gyrocompassing on the window's mean."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from lbgc.data.windows import Windows
@@ -73,9 +75,10 @@ def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _sigma(windows: Windows, imu: ImuModel | None) -> np.ndarray:
-    """(W,), rad, of the plain mean."""
+    """(W,), rad, of the plain mean: every block counts, however an encoder at rest may flicker."""
     sigma = np.empty(len(windows))
-    for part in levelled(windows):
+    still = np.broadcast_to(windows.plate_angle[:, :1], windows.plate_angle.shape)
+    for part in levelled(replace(windows, plate_angle=still)):
         latitude = float(windows.latitude[part.rows[0]])
         site = Site(latitude, normal_gravity(latitude))
         sigma[part.rows] = plain(part, site, False, imu).sigma
