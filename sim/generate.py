@@ -23,7 +23,7 @@ from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require, require_choice, require_positive, run_main
 from lbgc.frames import wrap
 from lbgc.outputs import fingerprint, mark_latest, task_directory
-from lbgc.protocol import REST, SETTLE, SLEW, ProtocolConfig, plan
+from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import Disturbance, Timing, Triad, TriadErrors
@@ -262,7 +262,10 @@ def _recordings(
         for i, planned, own in zip(rows, plans, labels, strict=True)
     ]
     threads = os.cpu_count() or 1
-    truths = motion.truths(config.bench, plans, latitude, draws, threads, config.height_m)
+    means = config.imu.model(config.rate_hz).averages_motion
+    truths = motion.truths(
+        config.bench, plans, latitude, draws, threads, config.height_m, config.block, not means
+    )
     for i, truth, drawn, own in zip(rows, truths, draws, labels, strict=True):
         reference_error = np.deg2rad(config.scene.reference_error_deg) * own.standard_normal()
         values = _measured(config, sensor, i, truth) | _moved(config, truth, drawn)
@@ -314,18 +317,10 @@ def _moved(
 ) -> dict[str, np.ndarray | float | int]:
     """What the bench did in a recording, and what was drawn of it."""
     n = config.samples // config.block
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return values.reshape(n, config.block, *values.shape[1:]).mean(axis=1)
-
-    attitude = truth.attitude
-    attitude = np.broadcast_to(attitude, (n, 3)) if len(attitude) == 1 else mean(attitude)
-    stages = truth.stage.reshape(n, config.block)
-    driven, settling = (stages == SLEW).any(axis=1), (stages == SETTLE).any(axis=1)
     return {
-        "plate_angle": mean(truth.plate_angle),
-        "stage": np.where(driven, SLEW, np.where(settling, SETTLE, REST)),
-        "attitude": attitude,
+        "plate_angle": truth.plate_angle,
+        "stage": truth.stage,
+        "attitude": np.broadcast_to(truth.attitude, (n, 3)),
         "roll": truth.roll,
         "pitch": truth.pitch,
         "settling_time": truth.settling_s,

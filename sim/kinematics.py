@@ -46,6 +46,12 @@ class Felt:
         felt = self.acceleration - self._in_body(gravity) + self.coriolis @ earth_rate
         return felt.T
 
+    def averaged(self, block: int) -> "Felt":
+        """Means over blocks of so many samples; what stands for all stands for any."""
+        if len(self.rate) == 1 or block == 1:
+            return self
+        return Felt(*(v.reshape(-1, block, *v.shape[1:]).mean(axis=1) for v in vars(self).values()))
+
     def repeated(self, count: int) -> "Felt":
         """One sample as `count` of them."""
         return Felt(*(np.repeat(values, count, axis=0) for values in vars(self).values()))

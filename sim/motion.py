@@ -1,19 +1,23 @@
-"""What the test module really feels, sample by sample.
+"""What the test module really feels, sample by sample or in means over blocks of samples.
 
 `sim.physics` moves the plate (and the vehicle under it, where there is one) and gives the module's
 poses; `sim.kinematics` makes increments of them. MuJoCo's world neither rotates nor has an azimuth:
 Earth's rate, gravity and the Coriolis force are applied here, exactly, so that one execution of a
 plan serves every recording. A floor that moves is a closed form, laid under the poses.
+
+What is felt is linear in the motion, so its means are taken of the motion, once a plan, and not of
+each recording's samples.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotation_z, wrap
-from lbgc.protocol import Plan
+from lbgc.protocol import REST, SETTLE, SLEW, Plan
 from sim import kinematics, sway
 from sim.disturbance import Floor, pick
 from sim.kinematics import Felt
@@ -63,19 +67,20 @@ def draw(scene: SceneConfig, azimuth: float, rng: np.random.Generator, duration_
 
 @dataclass(frozen=True)
 class Truth:
-    """Of the test module, over a recording of n samples."""
+    """Of the test module, over a recording of n blocks; a block may be one sample."""
 
     omega_ib_b: np.ndarray
-    """(3, n), or (3, 1) where it is constant; rad/s, means over (t_k - dt, t_k]"""
+    """(3, n), or (3, 1) where it is constant; rad/s, means over the block; of each of its samples,
+    (3, n block), where they were asked for"""
     f_ib_b: np.ndarray
-    """(3, n) or (3, 1), m/s^2, likewise"""
+    """m/s^2, likewise"""
     plate_angle: np.ndarray
-    """(n,), rad, as the encoder reads it at t_k"""
+    """(n,), rad, as the encoder reads it at the samples' ends, mean over the block"""
     stage: np.ndarray
-    """(n,), int8, see lbgc.protocol.STAGES"""
+    """(n,), int8, see lbgc.protocol.STAGES: a block with any slew slews, else settles"""
     attitude: np.ndarray
-    """(n, 3) or (1, 3), rad, true at t_k: roll, pitch, and the heading less `heading` and the
-    plate's true angle: how far the base and the axis have turned it"""
+    """(n, 3) or (1, 3), rad, true at the samples' ends, mean over the block: roll, pitch, and the
+    heading less `heading` and the plate's true angle: how far the base and the axis turned it"""
     heading: float
     """rad, at the recording's start"""
     heading_control: float
@@ -103,34 +108,51 @@ def truths(
     draws: Sequence[Draw],
     threads: int = 1,
     height: float = 0.0,
+    block: int = 1,
+    every_sample: bool = False,
 ) -> Iterator[Truth]:
     """The same for several recordings, which share so many threads where the base sways.
 
-    height : m, above the ellipsoid."""
+    height : m, above the ellipsoid; block : samples, to take means over; every_sample : of rate and
+    force take none, since the sensor is not linear."""
     gravity = normal_gravity(latitude, height)
+    felt_block = 1 if every_sample else block
     for drawn, executed in _executed(bench, gravity, plans, draws, threads):
+        start, control = _at_start(executed, drawn)
         if bench.scene.sway.present or any(drawn.floor.moving):
-            felt, attitude = _on_moving_floor(executed, drawn)
-            level = np.eye(3)
+            every, ends = _on_moving_floor(executed, drawn)
+            felt, level = every.averaged(felt_block), np.eye(3)
+            attitude = _attitude(ends, start, executed, block)
         else:
-            felt, level = executed.felt, drawn.level
-            attitude = level @ executed.ends
+            felt, level = _felt(executed, felt_block), drawn.level
+            attitude = _rigid_attitude(executed, (drawn.roll, drawn.pitch), block)
         to_n = rotation_z(drawn.azimuth)
         earth, down = to_n.T @ earth_rate_ned(latitude), np.array([0.0, 0.0, gravity])
-        start, control = (to_n @ matrix for matrix in _at_start(executed, drawn))
-        roll, pitch, heading = (float(a) for a in matrix_to_euler(start))
+        roll, pitch, heading = (float(a) for a in matrix_to_euler(to_n @ start))
         yield Truth(
             omega_ib_b=felt.omega(level.T @ earth),
             f_ib_b=felt.force(level.T @ earth, level.T @ down),
-            plate_angle=executed.encoder,
-            stage=executed.stage,
-            attitude=_attitude(to_n @ attitude, heading, executed),
+            plate_angle=executed.encoder.reshape(-1, block).mean(axis=1),
+            stage=_stage(executed.stage.reshape(-1, block)),
+            attitude=attitude,
             heading=heading,
-            heading_control=float(matrix_to_euler(control)[2]),
+            heading_control=float(matrix_to_euler(to_n @ control)[2]),
             roll=roll,
             pitch=pitch,
             settling_s=executed.settling_s,
         )
+
+
+@lru_cache(maxsize=4)
+def _felt(executed: Executed, block: int) -> Felt:
+    """On a rigid base."""
+    return executed.felt.averaged(block)
+
+
+def _stage(samples: np.ndarray) -> np.ndarray:
+    """Of blocks, (n,), from their samples' (n, block)."""
+    driven, settling = (samples == SLEW).any(axis=1), (samples == SETTLE).any(axis=1)
+    return np.where(driven, SLEW, np.where(settling, SETTLE, REST)).astype(np.int8)
 
 
 def _executed(
@@ -183,7 +205,21 @@ def _at_start(executed: Executed, drawn: Draw) -> tuple[np.ndarray, np.ndarray]:
     return floor @ test, floor @ executed.control
 
 
-def _attitude(c_nb: np.ndarray, heading: float, executed: Executed) -> np.ndarray:
-    roll, pitch, yaw = matrix_to_euler(c_nb)
+@lru_cache(maxsize=64)
+def _rigid_attitude(executed: Executed, lean: tuple[float, float], block: int) -> np.ndarray:
+    """On a base that leans by so much, roll and pitch in rad, and does not move."""
+    level = euler_to_matrix(*lean, 0.0)
+    ends = level @ executed.ends
+    first = executed.stretches[0]
+    start = executed.pose(first.poses[1:2] if first.moves else first.poses)[0][0]
+    return _attitude(ends, level @ start, executed, block)
+
+
+def _attitude(ends: np.ndarray, start: np.ndarray, executed: Executed, block: int) -> np.ndarray:
+    """See Truth. ends : (n, 3, 3) or (1, 3, 3), start : (3, 3), in A: an azimuth adds to both
+    headings alike."""
+    roll, pitch, yaw = matrix_to_euler(ends)
     turned = executed.turned if executed.moves else 0.0
-    return np.stack([roll, pitch, wrap(yaw - heading - turned)], axis=-1)
+    off = wrap(yaw - matrix_to_euler(start)[2] - turned)
+    found = np.stack([roll, pitch, off], axis=-1)
+    return found if len(found) == 1 else found.reshape(-1, block, 3).mean(axis=1)

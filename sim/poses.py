@@ -70,9 +70,10 @@ class Stretch:
         return len(self.poses) > 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Executed:
-    """A recording's plan as the physics did it."""
+    """A recording's plan as the physics did it. Each is itself alone, so that what follows from it
+    can be kept."""
 
     bench: Bench
     stretches: tuple[Stretch, ...]

@@ -266,7 +266,20 @@ def test_a_moving_recording_carries_angle_stage_and_truth():
     assert np.abs(row["attitude"]).max() < 1e-6
 
 
-@pytest.mark.parametrize("options", [(), ("scene=vibrating_floor",), ("scene=moored",)])
+@pytest.mark.parametrize(
+    "options",
+    [
+        (),
+        ("scene=vibrating_floor",),
+        ("scene=moored",),
+        (
+            "imu.temperature.rise_k=20",
+            "imu.temperature.time_s=20",
+            "imu.gyro.scale_per_k_ppm_per_k=500",
+        ),
+        ("imu.gyro.bandwidth_hz=2", "imu.accel.bandwidth_hz=2"),
+    ],
+)
 def test_means_of_a_moving_recording_are_averages_of_its_samples(options):
     """A perfect sensor: block means, stages and angles are those of the samples."""
     moving = ("imu=ideal", "protocol=two_position", "rate_hz=50", "duration_s=40", *options)

@@ -262,14 +262,15 @@ class Triad:
     ) -> np.ndarray:
         """n means over `block` samples each, float32 (3, n), with the law of averaging `measure`.
 
-        truth : (3, n block), the samples' own, or (3, 1) where it is constant.
+        truth : (3, 1) where it is constant; else the samples' own, (3, n block), or where
+        `ImuModel.averages_motion` their means, (3, n). The disturbance's force, likewise.
 
         Rounding enters as the white noise that it is while the samples' noise exceeds half a count
         (`check_means` refuses where it does not, and where the range would clip); carried counts
         as angle quantisation of a twelfth of their square.
         """
         means = self._noise(rng, errors, n, dt * block)
-        if truth.shape[1] == 1:
+        if truth.shape[1] in (1, n):
             means += self._response(truth, errors, n, dt * block, disturbance)
         else:
             response = self._response(truth, errors, n * block, dt, disturbance)
@@ -354,3 +355,11 @@ class ImuModel:
     dt: float
     """s: interval of the sensor's own samples, by which counts are read"""
     warming: Disturbance = field(default_factory=Disturbance)
+
+    @property
+    def averages_motion(self) -> bool:
+        """Whether means of what it prints follow from means of the motion: no output filter, and
+        no scale factor that changes in a recording."""
+        triads = (self.gyro, self.accel)
+        warms = self.warming.rise_k != 0 and any(any(t.scale_per_k) for t in triads)
+        return not warms and all(t.bandwidth_hz is None for t in triads)
