@@ -22,19 +22,20 @@ from tqdm import tqdm
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
-from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled
+from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled, Site
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.indexed import answer, needs_model
 from lbgc.estimators.information import (
     LIFETIMES,
     Information,
-    Site,
+    across,
+    along,
     bayes,
     covariance,
     information,
     known,
     sources,
 )
+from lbgc.estimators.linear import answer, needs_model
 from lbgc.frames import wrap
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig, plan
@@ -74,8 +75,7 @@ def expected_floor(told: Information, reference_sigma: float = 0.0) -> float:
     """
     rng = streams.figures()
     psi = rng.uniform(-np.pi, np.pi, _DRAWS)
-    q = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
-    n = np.stack([-q[:, 1], q[:, 0]], axis=-1)
+    q, n = along(psi), across(psi)
     values, vectors = np.linalg.eigh(told.J)
     noise = rng.standard_normal((_DRAWS, 2)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     square = wrap(bayes(q @ told.J + noise, told.J).heading - psi) ** 2
@@ -95,10 +95,10 @@ def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """
     model = needs_model("floor", imu)
 
-    def each(part: Levelled, site: Site) -> Estimate:
-        told = information(model, part.course, site)
+    def each(part: Levelled) -> Estimate:
+        told = information(model, part.course, part.site)
         h = told.told(part.data)
-        _check_fit(part, covariance(model, part.course, site), h, told)
+        _check_fit(part, covariance(model, part.course, part.site), h, told)
         return bayes(h, told.J)
 
     return answer(windows, model, each, "floor")
@@ -127,11 +127,11 @@ def budget(imu: ImuModel, course: Course, site: Site) -> dict[str, float]:
     the sources' errors: their squares add up to the bound's.
     """
     told = information(imu, course, site)
-    across = np.stack([-np.sin(_HEADINGS), np.cos(_HEADINGS)], axis=-1)
+    n = across(_HEADINGS)
     found = {}
     for name, C in sources(imu, course, site).items():
         spread = np.einsum("ian,anm,jam->ij", told.weights, C, told.weights)
-        variance = np.sum((across @ spread) * across, axis=1) * told.sigma(_HEADINGS) ** 4
+        variance = np.sum((n @ spread) * n, axis=1) * told.sigma(_HEADINGS) ** 4
         found[name] = float(np.sqrt(max(np.mean(variance), 0.0)))
     return {name: size for name, size in found.items() if size > 0}
 
@@ -203,6 +203,10 @@ def main(config: BoundConfig) -> Path:
     longest = max(r["window_s"] for r in rows)
     course = course_of(config.protocol, longest, config.start_s)
     parts = budget(config.model, course, config.site)
+    short = sorted(set(config.windows_s) - {r["window_s"] for r in rows})
+    if short:
+        lengths = ", ".join(f"{w:g}" for w in short)
+        print(f"windows of {lengths} s are too short for {config.protocol.name}")
     print(table(config, rows))
     print(budget_table(parts, longest))
     directory = task_directory("bound", fingerprint(asdict(config)))

@@ -8,11 +8,11 @@ from helpers import composed
 from simulated import PROTOCOLS, windows
 
 from lbgc.bound import BoundConfig, budget, course_of, crlb, expected_floor, floor, white_crlb
-from lbgc.earth import normal_gravity
+from lbgc.data.windows import Windows
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
-from lbgc.estimators.course import levelled
-from lbgc.estimators.information import Site, bayes, information
+from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.information import bayes, information
 from lbgc.frames import wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -38,8 +38,7 @@ SDC500 = model()
 
 
 def site(latitude_deg: float) -> Site:
-    latitude = float(np.deg2rad(latitude_deg))
-    return Site(latitude, normal_gravity(latitude))
+    return Site.at(float(np.deg2rad(latitude_deg)))
 
 
 @pytest.fixture(scope="module")
@@ -249,3 +248,16 @@ def test_the_floor_of_another_sensor_or_a_swaying_base_is_none(drawn):
     rocking = 0.05 * np.sin(np.arange(w.accel.shape[1]))[None, :, None]
     with pytest.raises(InputError, match="the base moves"):
         floor(replace(w, accel=w.accel + rocking), SDC500)
+
+
+def test_windows_of_several_latitudes_are_answered_each_for_its_own():
+    both = [windows(SDC500, "two_position", lat, 120.0, 3, seed=8) for lat in (32.76, -60.0)]
+    mixed = Windows(
+        *(np.concatenate([getattr(w, n) for w in both]) for n in ("gyro", "accel", "plate_angle")),
+        both[0].rate_hz,
+        *(np.concatenate([getattr(w, n) for w in both])
+          for n in ("latitude", "heading", "heading_reference", "start_s")),
+    )  # fmt: skip
+    for estimate in (CLASSICAL["two_position_weighted"], CLASSICAL["gls"]):
+        alone = np.concatenate([estimate(w, SDC500).sigma for w in both])
+        np.testing.assert_allclose(estimate(mixed, SDC500).sigma, alone, rtol=1e-9)

@@ -4,11 +4,12 @@ Whatever asks a window of a level or nearly level bench for its heading sees it 
 block means, in axes that are level and turn with the plate.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix
 
@@ -17,6 +18,31 @@ _RESTS = np.deg2rad(1e-4)
 """Of travel from block to block."""
 _STEADY = np.deg2rad(0.003)
 """Of change in it; an encoder has steps."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a window was taken."""
+
+    latitude: float
+    """rad"""
+    gravity: float
+    """m/s^2"""
+
+    @property
+    def north(self) -> float:
+        """Earth's horizontal rate, rad/s."""
+        return EARTH_RATE * float(np.cos(self.latitude))
+
+    @classmethod
+    def at(cls, latitude: float) -> "Site":
+        """On the ellipsoid."""
+        return cls(latitude, normal_gravity(latitude))
+
+    @property
+    def down(self) -> float:
+        """Its vertical rate about the down axis, rad/s."""
+        return -EARTH_RATE * float(np.sin(self.latitude))
 
 
 @dataclass(frozen=True)
@@ -79,9 +105,10 @@ class Course:
 
 @dataclass(frozen=True)
 class Levelled:
-    """Windows that share a course."""
+    """Windows that share a course and a latitude."""
 
     course: Course
+    site: Site
     rows: np.ndarray
     """which windows these are, (V,)"""
     data: np.ndarray
@@ -90,9 +117,14 @@ class Levelled:
     tilt: np.ndarray
     """(V,), rad, of the base"""
 
+    def only(self, which: np.ndarray) -> "Levelled":
+        """The blocks where `which`, bool (n,), is true."""
+        return replace(self, course=self.course.only(which), data=self.data[:, :, which])
+
 
 def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
-    """The windows by course. sample_s : the sensor's own interval, if the windows hold means.
+    """The windows by course and latitude. sample_s : the sensor's own interval, where the windows
+    hold means.
 
     The base's tilt is levelled out exactly, by its mean specific force in the base's axes; what it
     leaves is small, and linear models (lbgc.estimators.information) may have it.
@@ -114,13 +146,15 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     tilt = _tilt(angle, accel)
     data = np.concatenate([_turned_level(v, angle, tilt) for v in (gyro, accel)], axis=1)
     lean = np.arccos(np.clip(tilt[:, 2, 2], -1, 1))
-    groups: dict[Course, list[int]] = {}
-    for row in range(w):
-        course = Course.planned(angle[row].round(9), interval, float(windows.start_s[row]))
-        groups.setdefault(course, []).append(row)
+    groups: dict[tuple[Course, float], list[int]] = {}
+    for row, (turns, start, latitude) in enumerate(
+        zip(angle.round(9), windows.start_s, windows.latitude, strict=True)
+    ):
+        own = Course.planned(turns, interval, float(start))
+        groups.setdefault((own, float(latitude)), []).append(row)
     return [
-        Levelled(c, np.array(rows), data[rows][:, :, list(c.blocks)], lean[rows])
-        for c, rows in groups.items()
+        Levelled(c, Site.at(latitude), np.array(rows), data[rows][:, :, list(c.blocks)], lean[rows])
+        for (c, latitude), rows in groups.items()
     ]
 
 

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.indexed import check
+from lbgc.estimators.linear import check
 from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
 from lbgc.sensor.imu import ImuModel
 

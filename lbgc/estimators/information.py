@@ -28,8 +28,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from lbgc.earth import EARTH_RATE
-from lbgc.estimators.course import Course
+from lbgc.estimators.course import Course, Site
 from lbgc.estimators.estimate import Estimate
 from lbgc.frames import wrap
 from lbgc.sensor import gaussian, noise
@@ -39,26 +38,6 @@ LIFETIMES = ("unit", "session", "run")
 _LEVER_M = 0.3
 _LEAST = (1e-12, 1e-9)
 """rad/s and m/s^2: sensors without any error have no covariance to invert; far below all others."""
-
-
-@dataclass(frozen=True)
-class Site:
-    """Where a window was taken."""
-
-    latitude: float
-    """rad"""
-    gravity: float
-    """m/s^2"""
-
-    @property
-    def north(self) -> float:
-        """Earth's horizontal rate, rad/s."""
-        return EARTH_RATE * float(np.cos(self.latitude))
-
-    @property
-    def down(self) -> float:
-        """Its vertical rate about the down axis, rad/s."""
-        return -EARTH_RATE * float(np.sin(self.latitude))
 
 
 def known(imu: ImuModel, lifetimes: tuple[str, ...]) -> ImuModel:
@@ -171,6 +150,16 @@ def turn(course: Course, site: Site) -> np.ndarray:
     return np.moveaxis(np.array(rows), 1, 2)
 
 
+def along(heading: np.ndarray) -> np.ndarray:
+    """q, (*S, 2)."""
+    return np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+
+
+def across(heading: np.ndarray) -> np.ndarray:
+    """dq/dpsi, (*S, 2)."""
+    return np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class Information:
     """What data (V, 4, n) tell: h = sum of weights x data, and J."""
@@ -186,7 +175,7 @@ class Information:
 
     def sigma(self, heading: np.ndarray) -> np.ndarray:
         """Of a heading, rad, when errors are small: 1/sqrt(n' J n), n across it."""
-        n = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+        n = across(heading)
         return 1 / np.sqrt(np.einsum("...i,ij,...j->...", n, self.J, n))
 
 
@@ -217,14 +206,18 @@ def information(imu: ImuModel, course: Course, site: Site, free_bias: bool = Fal
 
 _GRID = np.linspace(-np.pi, np.pi, 720, endpoint=False)
 _NARROW = np.deg2rad(3.0)
+_CHUNK = 4096  # headings on grids at once
 
 
 def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
     """The heading of the largest log p, (V,): on a grid, then Newton's steps."""
+    return np.concatenate([_mode(h[i : i + _CHUNK], J) for i in range(0, len(h), _CHUNK)])
+
+
+def _mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
     psi = _GRID[np.argmax(_log_p(h, J, _GRID[None]), axis=1)]
     for _ in range(6):
-        q = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
-        n = np.stack([-q[:, 1], q[:, 0]], axis=-1)
+        q, n = along(psi), across(psi)
         slope = np.sum(n * (h - q @ J), axis=1)
         curvature = np.sum(q * (h - q @ J), axis=1) + np.sum((n @ J) * n, axis=1)
         psi = psi + np.clip(slope / np.maximum(curvature, 1e-30), -0.01, 0.01)
@@ -238,23 +231,23 @@ def _log_p(h: np.ndarray, J: np.ndarray, psi: np.ndarray) -> np.ndarray:
     return h[:, :1] * c + h[:, 1:] * s - quadratic / 2
 
 
-def likeliest(h: np.ndarray, J: np.ndarray, information: Information) -> Estimate:
-    """The most likely heading, and its sigma by the curvature there."""
-    heading = mode(h, J)
-    return Estimate(heading, information.sigma(heading))
+def likeliest(told: Information, data: np.ndarray) -> Estimate:
+    """The most likely headings, and their sigma by the curvature there. data : (V, 4, n)."""
+    heading = mode(told.told(data), told.J)
+    return Estimate(heading, told.sigma(heading))
 
 
-def bayes(h: np.ndarray, J: np.ndarray, chunk: int = 4096) -> Estimate:
+def bayes(h: np.ndarray, J: np.ndarray) -> Estimate:
     """The Bayes-optimal estimate: with a flat prior on the circle the posterior's circular mean,
     which minimises the mean of 1 - cos(error); and the posterior's RMS error about it."""
-    parts = [_bayes(h[i : i + chunk], J) for i in range(0, len(h), chunk)]
+    parts = [_bayes(h[i : i + _CHUNK], J) for i in range(0, len(h), _CHUNK)]
     heading, sigma = (np.concatenate(p) for p in zip(*parts, strict=True))
     return Estimate(heading, sigma)
 
 
 def _bayes(h: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     at = mode(h, J)
-    n = np.stack([-np.sin(at), np.cos(at)], axis=-1)
+    n = across(at)
     width = 1 / np.sqrt(np.sum((n @ J) * n, axis=1))
     narrow = width < _NARROW  # all of it within nine widths, which a grid of the circle would miss
     spread = np.where(narrow, 9 * width, np.pi)

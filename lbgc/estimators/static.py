@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.earth import earth_rate_ned, normal_gravity
+from lbgc.earth import earth_rate_ned
 from lbgc.estimators.course import levelled
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.indexed import answer, check, needs_model, plain, weighted
-from lbgc.estimators.information import Site
 from lbgc.estimators.level import gyrocompass, level
+from lbgc.estimators.linear import answer, check, needs_model, plain, weighted
 from lbgc.frames import matrix_to_euler, wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -52,7 +51,7 @@ def gls(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     biases at their stated sizes. The plate may rest or turn; its base leans by 10 degrees at most.
     """
     model = needs_model("gls", imu)
-    return answer(windows, model, lambda part, site: weighted(part, site, model, False), "gls")
+    return answer(windows, model, lambda part: weighted(part, model, False), "gls")
 
 
 def _at_rest(name: str, windows: Windows) -> None:
@@ -79,7 +78,5 @@ def _sigma(windows: Windows, imu: ImuModel | None) -> np.ndarray:
     sigma = np.empty(len(windows))
     still = np.broadcast_to(windows.plate_angle[:, :1], windows.plate_angle.shape)
     for part in levelled(replace(windows, plate_angle=still)):
-        latitude = float(windows.latitude[part.rows[0]])
-        site = Site(latitude, normal_gravity(latitude))
-        sigma[part.rows] = plain(part, site, False, imu).sigma
+        sigma[part.rows] = plain(part, False, imu).sigma
     return sigma

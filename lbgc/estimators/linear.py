@@ -1,0 +1,122 @@
+"""Headings that are linear in the levelled data: plainly, or weighted by the sensor's covariance.
+
+What estimators of a resting or turning plate share: how windows become data, and two ways to make
+a heading of them.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.earth import heading_exists
+from lbgc.estimators.course import Course, Levelled, Site, levelled
+from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.information import across, covariance, information, likeliest, turn
+from lbgc.frames import wrap
+from lbgc.sensor.imu import ImuModel
+
+LEANS = np.deg2rad(10.0)
+
+
+def answer(
+    windows: Windows,
+    imu: ImuModel | None,
+    each: Callable[[Levelled], Estimate],
+    name: str,
+) -> Estimate:
+    """What `each` makes of the windows, course by course, in the windows' order."""
+    check(name, windows)
+    heading, sigma = np.empty(len(windows)), np.empty(len(windows))
+    for part in levelled(windows, None if imu is None else imu.dt):
+        if not part.course.blocks:
+            raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
+        if part.tilt.max() > LEANS:
+            about = f"of lean; it takes a base within {np.rad2deg(LEANS):g} degrees of level"
+            raise refusal(name, f"{np.rad2deg(part.tilt.max()):.3g}", "deg", about)
+        found = each(part)
+        heading[part.rows], sigma[part.rows] = found.heading, found.sigma
+    return Estimate(heading, sigma)
+
+
+def check(name: str, windows: Windows) -> None:
+    """Raise InputError where a window has no heading to find, or no accelerometer to level by."""
+    if not heading_exists(windows.latitude).all():
+        raise refusal(name, "a pole", "", "has no north: Earth's rate is vertical there")
+    if not np.abs(windows.accel).max(initial=0.0) > 0:
+        raise refusal(name, "accel", "", "is zero throughout: without accelerometers nothing is "
+                      "level")  # fmt: skip
+
+
+def needs_model(name: str, imu: ImuModel | None) -> ImuModel:
+    if imu is None:
+        raise refusal(name, "imu", "", "is not known: weighting needs the sensor's noise model; "
+                      "give one of conf/imu, or fit yours (python lbgc/fit.py)")  # fmt: skip
+    return imu
+
+
+@lru_cache(maxsize=64)
+def plain_weights(course: Course, site: Site, bias: bool) -> np.ndarray:
+    """Least squares: (2, 4, n), weights that make (cos psi, sin psi) of the data.
+
+    The rates are levelled by the mean force in the base's axes, rate - force Omega sin(lat)/g,
+    and fitted by amplitudes along and across (Tian 2020's cosine) and, if asked for, a bias an
+    axis. An amplitude that is free takes the scale factor out of the heading.
+    """
+    design = turn(course, site)
+    n = design.shape[1]
+    columns = 4 if bias else 2
+    full = np.zeros((2, n, columns))
+    full[..., :2] = design[:2, :, :2]
+    if bias:
+        full[0, :, 2] = full[1, :, 3] = 1.0
+    fit = np.linalg.pinv(full.reshape(2 * n, columns))[:2].reshape(2, 2, n)
+    weights = np.zeros((2, 4, n))
+    weights[:, :2] = fit
+    tilts = design[2:, :, 2:]  # force = tilts x t, whose least squares is the mean in base axes
+    tilt = np.linalg.pinv(tilts.reshape(2 * n, 2)).reshape(2, 2, n)
+    of_tilt = np.einsum("ian,anj->ij", fit, design[:2, :, 2:])
+    weights[:, 2:] = -np.einsum("ij,jan->ian", of_tilt, tilt)
+    return weights
+
+
+def plain(part: Levelled, bias: bool, imu: ImuModel | None) -> Estimate:
+    """The heading by `plain_weights`, and its sigma: of this linear form under the sensor's
+    covariance where that is known; else of white noise as large as what the fit leaves."""
+    weights = plain_weights(part.course, part.site, bias)
+    z = np.einsum("ian,van->vi", weights, part.data)
+    heading = np.arctan2(z[:, 1], z[:, 0])
+    n = across(heading)
+    if imu is not None:
+        spread = _spread(imu, part.course, part.site, bias)
+        variance = np.einsum("vi,ij,vj->v", n, spread, n)
+    else:
+        variance = _white_variance(part, bias, weights, z)
+    size = np.linalg.norm(z, axis=1)
+    return Estimate(wrap(heading), np.sqrt(variance) / size)
+
+
+@lru_cache(maxsize=64)
+def _spread(imu: ImuModel, course: Course, site: Site, bias: bool) -> np.ndarray:
+    """Covariance of what the plain weights make of the data, (2, 2)."""
+    weights, C = plain_weights(course, site, bias), covariance(imu, course, site)
+    return np.einsum("iam,jam->ij", np.einsum("ian,anm->iam", weights, C), weights)
+
+
+def _white_variance(part: Levelled, bias: bool, weights: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Variance across the heading of z, (V,), if every block's rate had an independent error."""
+    n = part.data.shape[2]
+    rates = turn(part.course, part.site)[:2, :, :2]
+    left = part.data[:, :2] - np.einsum("ani,vi->van", rates, z)
+    if bias:
+        left = left - left.mean(axis=2, keepdims=True)
+    free = 2 * n - 2 - 2 * bias
+    white = np.sum(left**2, axis=(1, 2)) / free if free > 0 else np.full(len(z), np.nan)
+    fitted = np.einsum("vi,ian->van", across(np.arctan2(z[:, 1], z[:, 0])), weights[:, :2])
+    return np.asarray(white * np.sum(fitted**2, axis=(1, 2)))
+
+
+def weighted(part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:
+    """The most likely heading under the sensor's covariance."""
+    return likeliest(information(imu, part.course, part.site, free_bias), part.data)
