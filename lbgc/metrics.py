@@ -53,15 +53,17 @@ def summarise(
     the intervals; seconds : that answering took, altogether."""
     size = np.abs(np.rad2deg(errors))
     order = np.argsort(size)  # once, for the quantiles of every resample
-    size, latitude = size[order], latitude[order]
-    sigma, recording = (None if v is None else v[order] for v in (sigma, recording))
-    figures = _figures(size, latitude, sigma, np.ones((1, len(size))))
+    own = np.zeros(len(size), int) if recording is None else np.unique(recording, False, True)[1]
+    if own.max() == 0:  # one recording: its windows, as if they were independent
+        own = np.arange(len(size))
+    size, latitude, own = size[order], latitude[order], own[order]
+    told = sigma is not None and np.isfinite(sigma).all() and np.all(sigma > 0)
+    normalised = size / np.rad2deg(sigma[order]) if sigma is not None and told else None
+    sums = _Sums(size, latitude, normalised, own)
+    figures = sums.figures(np.ones((1, sums.recordings)))
     intervals = None
     if recording is not None and len(size) > 1:
-        rows = max(1, int(_WEIGHTS // len(size)))
-        parts = [
-            _figures(size, latitude, sigma, weights) for weights in _resamples(recording, rows)
-        ]
+        parts = [sums.figures(weights) for weights in _resamples(sums.recordings)]
         drawn = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         intervals = {
             name: (float(low), float(high))
@@ -76,50 +78,80 @@ def summarise(
     )
 
 
-def _resamples(recording: np.ndarray, rows: int) -> Iterator[np.ndarray]:
-    """How often each window is in each resample, in parts of (rows, W): recordings are drawn
-    whole, since a recording's windows share its bias."""
-    names, own = np.unique(recording, return_inverse=True)
-    if len(names) == 1:
-        names = own = np.arange(len(recording))
+def _resamples(recordings: int) -> Iterator[np.ndarray]:
+    """How often each recording is in each resample, in parts of (B, R): they are drawn whole, since
+    a recording's windows share its bias."""
     rng = streams.figures()
-    equal = np.full(len(names), 1 / len(names))
+    rows = max(1, int(_WEIGHTS // recordings))
+    equal = np.full(recordings, 1 / recordings)
     for first in range(0, RESAMPLES, rows):
-        yield rng.multinomial(len(names), equal, min(rows, RESAMPLES - first))[:, own]
+        yield rng.multinomial(recordings, equal, min(rows, RESAMPLES - first)).astype(float)
 
 
-def _figures(
-    size: np.ndarray, latitude: np.ndarray, sigma: np.ndarray | None, weights: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Each figure for each row of weights (B, W): name -> (B,). size : ascending."""
-    total = weights.sum(axis=1)
-    q25, q50, q75, q95 = _quantiles(size, weights, (0.25, 0.5, 0.75, 0.95))
-    found = {
-        "rmse_deg": np.sqrt(weights @ size**2 / total),
-        "median_deg": q50,
-        "iqr_deg": q75 - q25,
-        "p95_deg": q95,
-        "rmse_cos_latitude_deg": np.sqrt(weights @ (size * np.cos(latitude)) ** 2 / total),
-    }
-    if sigma is not None and np.isfinite(sigma).all() and np.all(sigma > 0):
-        normalised = (size / np.rad2deg(sigma)) ** 2
-        found["mean_normalised_squared_error"] = weights @ normalised / total
-    return found
+@dataclass(frozen=True)
+class _Sums:
+    """What figures of any resample are made of."""
 
+    size: np.ndarray
+    """(W,), degrees, ascending"""
+    latitude: np.ndarray
+    """(W,), rad"""
+    normalised: np.ndarray | None
+    """(W,), error over sigma"""
+    own: np.ndarray
+    """(W,), which recording"""
 
-def _quantiles(size: np.ndarray, weights: np.ndarray, wanted: Sequence[float]) -> list[np.ndarray]:
-    """Of ascending sizes that occur so often, each (B,): with equal weights NumPy's linear rule."""
-    below = np.cumsum(weights, axis=1)
-    found = []
-    for share in wanted:
-        place = share * (below[:, -1] - 1)
+    @property
+    def recordings(self) -> int:
+        return int(self.own.max()) + 1
+
+    def figures(self, weights: np.ndarray) -> dict[str, np.ndarray]:
+        """Each figure for each row of weights (B, R): name -> (B,)."""
+        total = weights @ self._by_recording(np.ones_like(self.size))
+        q25, q50, q75, q95 = (self._quantile(p, weights, total) for p in (0.25, 0.5, 0.75, 0.95))
+
+        def mean_square(values: np.ndarray) -> np.ndarray:
+            return np.asarray(weights @ self._by_recording(values**2) / total)
+
+        found = {
+            "rmse_deg": np.sqrt(mean_square(self.size)),
+            "median_deg": q50,
+            "iqr_deg": q75 - q25,
+            "p95_deg": q95,
+            "rmse_cos_latitude_deg": np.sqrt(mean_square(self.size * np.cos(self.latitude))),
+        }
+        if self.normalised is not None:
+            found["mean_normalised_squared_error"] = mean_square(self.normalised)
+        return found
+
+    def _by_recording(self, values: np.ndarray) -> np.ndarray:
+        """Sums over the first len(values) windows, (R,)."""
+        return np.bincount(self.own[: len(values)], values, self.recordings)
+
+    def _quantile(self, share: float, weights: np.ndarray, total: np.ndarray) -> np.ndarray:
+        """(B,): with equal weights NumPy's linear rule. Resamples differ little, so that only the
+        sizes about the quantile are gone through, and more where that was not enough."""
+        place = share * (total - 1)
         low, high = np.floor(place), np.ceil(place)
-        left = np.array([np.searchsorted(b, at, "right") for b, at in zip(below, low, strict=True)])
-        right = np.array(
-            [np.searchsorted(b, at, "right") for b, at in zip(below, high, strict=True)]
-        )
-        found.append(size[left] + (place - low) * (size[right] - size[left]))
-    return found
+        count, reach = len(self.size), 8 * np.sqrt(share * (1 - share) / self.recordings)
+        while True:
+            first = max(0, int((share - reach) * count))
+            last = min(count, int((share + reach) * count) + 1)
+            before = weights @ self._by_recording(np.ones(first))
+            inside = weights @ np.bincount(self.own[first:last], minlength=self.recordings)
+            if np.all(before <= low) and np.all(before + inside > high):
+                break
+            reach *= 2
+        found = np.empty(len(weights))
+        rows = max(1, int(_WEIGHTS // (last - first)))
+        for at in range(0, len(weights), rows):
+            part = slice(at, at + rows)
+            below = before[part, None] + np.cumsum(weights[part][:, self.own[first:last]], axis=1)
+            left, right = (
+                self.size[first + np.sum(below <= ends[part, None], axis=1)] for ends in (low, high)
+            )
+            found[part] = left + (place - low)[part] * (right - left)
+        return found
 
 
 def time_to_reach(windows_s: Sequence[float], rmse_deg: Sequence[float], error_deg: float) -> str:
