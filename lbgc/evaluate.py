@@ -7,8 +7,6 @@ python lbgc/evaluate.py log=lasergyro
 import csv
 import io
 import json
-import time
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,18 +14,21 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from lbgc.answers import Answers, Evaluation, Own
 from lbgc.bound import floor
 from lbgc.data import logs
+from lbgc.data.calibrated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.schema import SPLITS
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, cut
+from lbgc.data.windows import cut, joined
 from lbgc.earth import heading_exists
 from lbgc.errors import InputError, build, require, require_choice, require_positive, run_main
 from lbgc.estimators import CLASSICAL
-from lbgc.estimators.estimate import Estimate, Estimator
+from lbgc.estimators.estimate import Estimator
+from lbgc.estimators.information import LIFETIMES, known
 from lbgc.learning.estimator import Learned
-from lbgc.metrics import Summary, heading_errors, summarise, time_to_reach
+from lbgc.metrics import Summary, time_to_reach
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
@@ -58,6 +59,9 @@ class EvaluateConfig:
     is used where this is null."""
     split: str = "test"
     """Of the dataset."""
+    known: list[str] = field(default_factory=list)
+    """Lifetimes (unit, session, run) whose drawn errors a second floor is told: what knowing them
+    would be worth. Datasets only."""
     against: str = "truth"
     """truth or reference: what a dataset's errors are taken from. Real logs have a reference."""
     reach_deg: list[float] = field(default_factory=lambda: [5.0, 2.0, 1.0, 0.5, 0.1])
@@ -73,6 +77,14 @@ class EvaluateConfig:
             require_choice("estimator", self.estimator, ("all", *KNOWN))
         for error in self.reach_deg:
             require_positive("reach_deg", error)
+        for name in self.known:
+            require_choice("known", name, LIFETIMES)
+        require(
+            not self.known or self.data is not None,
+            "known",
+            self.known,
+            "what a real log's sensor drew is not known; it is for datasets",
+        )
         require_choice("split", self.split, SPLITS)
         require_choice("against", self.against, ("truth", "reference"))
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
@@ -111,14 +123,41 @@ def main(config: EvaluateConfig) -> Path:
     return page
 
 
-def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Record], int]:
+@dataclass(frozen=True)
+class Measured:
+    """A recording, and the same with what is known of its sensor's errors taken out."""
+
+    record: Record
+    calibrated: Record | None = None
+
+
+_BATCH_BYTES = 3e7
+"""Of recordings that are answered together: many short ones, or one or two at full rate."""
+
+
+def _batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
+    """Consecutive ones that are alike, so that estimators can answer many at once."""
+    batch: list[Measured] = []
+    for own in records:
+        if batch:
+            first = batch[0].record
+            alike = own.record.rate_hz == first.rate_hz and len(own.record.gyro) == len(first.gyro)
+            if not alike or len(batch) * first.gyro.nbytes > _BATCH_BYTES:
+                yield batch
+                batch = []
+        batch.append(own)
+    if batch:
+        yield batch
+
+
+def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
     """What is evaluated on: its description, its recordings and how many there are."""
     if config.log is not None:
         records = list(logs.read(config.log))
         notes = [f"{config.log.name}: a real log has no truth; errors are from its reference"]
         imu = None if config.imu is None else config.imu.model(records[0].rate_hz)
         subject = Subject(config.log.name, "reference", notes, records[:16], identity="", imu=imu)
-        return subject, iter(records), len(records)
+        return subject, (Measured(record) for record in records), len(records)
     assert config.data is not None
     dataset = Dataset.open_finished(config.data)
     indices = dataset.in_split(config.split)
@@ -139,110 +178,68 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Record], int]:
         imu=(config.imu or own).model(float(configuration["rate_hz"])),
         picture=dataset.path.with_suffix(".png"),
     )
-    return subject, dataset.records(indices), len(indices)
+    measured: Iterator[Measured] = (Measured(record) for record in dataset.records(indices))
+    if config.known:
+        lifetimes, drawn = tuple(config.known), drawn_errors(dataset, indices)
+        warming = own.model(float(configuration["rate_hz"])).warming
+        measured = (
+            Measured(record, calibrated(record, *errors, lifetimes, warming))
+            for record, errors in zip(dataset.records(indices), drawn, strict=True)
+        )
+    return subject, measured, len(indices)
 
 
-@dataclass
-class _Answers:
-    """Of one estimator at one window length, recording by recording."""
-
-    errors: list[np.ndarray] = field(default_factory=list)
-    sigma: list[np.ndarray] = field(default_factory=list)
-    estimate: list[np.ndarray] = field(default_factory=list)
-    latitude: list[np.ndarray] = field(default_factory=list)
-    heading: list[np.ndarray] = field(default_factory=list)
-    start_s: list[np.ndarray] = field(default_factory=list)
-    recording: list[np.ndarray] = field(default_factory=list)
-    seconds: float = 0.0
-
-    def add(
-        self, estimate: Estimate, windows: Windows, heading: float, recording: int, seconds: float
-    ) -> None:
-        truth = np.full(len(windows), heading)
-        self.errors.append(heading_errors(estimate.heading, truth))
-        self.sigma.append(estimate.sigma)
-        self.estimate.append(estimate.heading)
-        self.latitude.append(windows.latitude)
-        self.heading.append(truth)
-        self.start_s.append(windows.start_s)
-        self.recording.append(np.full(len(windows), recording))
-        self.seconds += seconds
-
-    def all_of(self, name: str) -> np.ndarray:
-        return np.concatenate(getattr(self, name))
-
-    def summary(self) -> Summary:
-        names = ("errors", "latitude", "sigma", "recording")
-        errors, latitude, sigma, recording = (self.all_of(name) for name in names)
-        return summarise(errors, latitude, sigma, recording, self.seconds)
+@dataclass(frozen=True)
+class _Contender:
+    estimate: Estimator
+    imu: ImuModel | None
+    """What it is told of the sensor."""
+    calibrated: bool = False
+    """Whether it is given the recordings whose known errors are taken out."""
 
 
-@dataclass
-class _Evaluation:
-    """Every estimator's answers, and why one has none."""
-
-    recordings: list[str] = field(default_factory=list)
-    """Their names, by number."""
-    answers: dict[tuple[str, float], _Answers] = field(default_factory=dict)
-    """By estimator and window length."""
-    refused: dict[tuple[str, float], str] = field(default_factory=dict)
-    """Likewise."""
-
-    def ask(
-        self,
-        key: tuple[str, float],
-        estimate: Estimator,
-        windows: Windows,
-        imu: ImuModel | None,
-        heading: float,
-    ) -> None:
-        """One that refuses a recording's windows is asked no more at this length: figures over
-        some recordings would not compare with figures over all."""
-        if key in self.refused:
-            return
-        started = time.process_time()
-        try:
-            found = estimate(windows, imu)
-        except InputError as error:
-            self.refused[key] = str(error)
-            self.answers.pop(key, None)
-            return
-        seconds = time.process_time() - started
-        own = self.answers.setdefault(key, _Answers())
-        own.add(found, windows, heading, len(self.recordings) - 1, seconds)
-
-    def why_not(self) -> list[str]:
-        """A line for each estimator, with its window lengths and the shortest one's reason: the
-        others' differ in their figures; results.json has them all."""
-        own: dict[str, dict[float, str]] = defaultdict(dict)
-        for (name, window), reason in self.refused.items():
-            own[name][window] = reason
-        return [
-            f"{name} is left out at {', '.join(f'{w:g}' for w in sorted(r))} s: {r[min(r)]}"
-            for name, r in own.items()
-        ]
+def _contenders(
+    config: EvaluateConfig, estimators: Mapping[str, Estimator], imu: ImuModel | None
+) -> dict[str, _Contender]:
+    found = {name: _Contender(estimate, imu) for name, estimate in estimators.items()}
+    if config.known:
+        assert imu is not None
+        name = f"floor, {' and '.join(config.known)} known"
+        found[name] = _Contender(floor, known(imu, tuple(config.known)), calibrated=True)
+    return found
 
 
 def _evaluate(
     config: EvaluateConfig,
     estimators: dict[str, Estimator],
     subject: Subject,
-    records: Iterator[Record],
+    records: Iterator[Measured],
     count: int,
-) -> tuple[Result, _Evaluation]:
+) -> tuple[Result, Evaluation]:
     """Every estimator on every window of every record."""
-    evaluation = _Evaluation()
+    evaluation = Evaluation()
+    contenders = _contenders(config, estimators, subject.imu)
     longest = 0.0
-    for record in tqdm(records, "evaluating", count, unit="rec", leave=False):
-        heading = _heading(record, subject.against)
-        evaluation.recordings.append(record.name)
-        longest = max(longest, record.duration_s)
+    bar = tqdm(total=count, desc="evaluating", unit="rec", leave=False)
+    for batch in _batches(records):
+        heading = np.array([_heading(own.record, subject.against) for own in batch])
+        numbers = np.arange(len(batch)) + len(evaluation.recordings)
+        evaluation.recordings += [own.record.name for own in batch]
+        longest = max(longest, batch[0].record.duration_s)
         for window_s in config.windows_s:
-            windows = cut(record, window_s)
-            if len(windows) == 0:
+            each = [cut(own.record, window_s) for own in batch]
+            sizes = [len(windows) for windows in each]
+            if not any(sizes):
                 continue
-            for name, estimate in estimators.items():
-                evaluation.ask((name, window_s), estimate, windows, subject.imu, heading)
+            calibrated = [cut(own.calibrated, window_s) for own in batch if own.calibrated]
+            given = joined(each), joined(calibrated) if calibrated else None
+            own = Own(np.repeat(heading, sizes), np.repeat(numbers, sizes))
+            for name, one in contenders.items():
+                windows = given[one.calibrated]
+                assert windows is not None
+                evaluation.ask((name, window_s), one.estimate, windows, one.imu, own)
+        bar.update(len(batch))
+    bar.close()
     shortest = min(config.windows_s)
     if longest < shortest:
         raise InputError(
@@ -260,12 +257,12 @@ def _evaluate(
     ]
     if len(evaluation.recordings) == 1:
         notes.append("one recording: intervals are over its windows, as if they were independent")
-    keys = [(n, w) for n in estimators for w in config.windows_s if (n, w) in evaluation.answers]
+    keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]
     rows = {key: evaluation.answers[key].summary() for key in keys}
-    sizes = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
+    absolute = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
     notes = [*subject.notes, *notes, *evaluation.why_not()]
     by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
-    return Result(subject, rows, sizes, notes, _reach(config, rows), by_heading), evaluation
+    return Result(subject, rows, absolute, notes, _reach(config, rows), by_heading), evaluation
 
 
 def _reach(
@@ -280,7 +277,7 @@ def _reach(
     return found
 
 
-def _per_heading(answers: _Answers) -> list[dict[str, float]]:
+def _per_heading(answers: Answers) -> list[dict[str, float]]:
     """RMSE by true heading, in sectors of 30 degrees about their middles."""
     sector = np.round(np.rad2deg(answers.all_of("heading")) / 30).astype(int) % 12
     errors = np.rad2deg(answers.all_of("errors"))
@@ -294,7 +291,7 @@ def _per_heading(answers: _Answers) -> list[dict[str, float]]:
     ]
 
 
-def _csv(evaluation: _Evaluation) -> str:
+def _csv(evaluation: Evaluation) -> str:
     """A line for each window and estimator."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -326,7 +323,7 @@ def _heading(record: Record, against: str) -> float:
     return heading
 
 
-def _as_json(config: EvaluateConfig, result: Result, evaluation: _Evaluation) -> dict:
+def _as_json(config: EvaluateConfig, result: Result, evaluation: Evaluation) -> dict:
     return {
         "subject": result.subject.name,
         "against": result.subject.against,

@@ -31,6 +31,7 @@ MAY_IMPORT = {
     "lbgc.data": BASE | {"lbgc.sensor"},
     "lbgc.estimators": BASE | {"lbgc.sensor", "lbgc.data"},
     "lbgc.metrics": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
+    "lbgc.answers": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
     "lbgc.learning": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},

@@ -70,6 +70,24 @@ def cut(record: Record, window_s: float) -> Windows:
     )
 
 
+def joined(several: Sequence[Windows]) -> Windows:
+    """Windows of one length and rate, as one set."""
+
+    def all_of(name: str) -> np.ndarray:
+        return np.concatenate([getattr(windows, name) for windows in several])
+
+    return Windows(
+        all_of("gyro"),
+        all_of("accel"),
+        all_of("plate_angle"),
+        several[0].rate_hz,
+        all_of("latitude"),
+        all_of("heading"),
+        all_of("heading_reference"),
+        all_of("start_s"),
+    )
+
+
 def at_rate(windows: Windows, rate_hz: float) -> Windows:
     """The windows at a lower rate, by block means.
 

@@ -1,0 +1,100 @@
+"""What estimators answered to every window, and why one did not."""
+
+import time
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.errors import InputError
+from lbgc.estimators.estimate import Estimate, Estimator
+from lbgc.metrics import Summary, heading_errors, summarise
+from lbgc.sensor.imu import ImuModel
+
+
+@dataclass(frozen=True)
+class Own:
+    """Of W windows, what an estimator is not told."""
+
+    heading: np.ndarray
+    """(W,), rad, that errors are taken from"""
+    recording: np.ndarray
+    """(W,), the number of the recording that each is of"""
+
+
+@dataclass
+class Answers:
+    """Of one estimator at one window length, recording by recording."""
+
+    errors: list[np.ndarray] = field(default_factory=list)
+    sigma: list[np.ndarray] = field(default_factory=list)
+    estimate: list[np.ndarray] = field(default_factory=list)
+    latitude: list[np.ndarray] = field(default_factory=list)
+    heading: list[np.ndarray] = field(default_factory=list)
+    start_s: list[np.ndarray] = field(default_factory=list)
+    recording: list[np.ndarray] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def add(self, estimate: Estimate, windows: Windows, own: Own, seconds: float) -> None:
+        self.errors.append(heading_errors(estimate.heading, own.heading))
+        self.sigma.append(estimate.sigma)
+        self.estimate.append(estimate.heading)
+        self.latitude.append(windows.latitude)
+        self.heading.append(own.heading)
+        self.start_s.append(windows.start_s)
+        self.recording.append(own.recording)
+        self.seconds += seconds
+
+    def all_of(self, name: str) -> np.ndarray:
+        return np.concatenate(getattr(self, name))
+
+    def summary(self) -> Summary:
+        names = ("errors", "latitude", "sigma", "recording")
+        errors, latitude, sigma, recording = (self.all_of(name) for name in names)
+        return summarise(errors, latitude, sigma, recording, self.seconds)
+
+
+@dataclass
+class Evaluation:
+    """Every estimator's answers, and why one has none."""
+
+    recordings: list[str] = field(default_factory=list)
+    """Their names, by number."""
+    answers: dict[tuple[str, float], Answers] = field(default_factory=dict)
+    """By estimator and window length."""
+    refused: dict[tuple[str, float], str] = field(default_factory=dict)
+    """Likewise."""
+
+    def ask(
+        self,
+        key: tuple[str, float],
+        estimate: Estimator,
+        windows: Windows,
+        imu: ImuModel | None,
+        own: Own,
+    ) -> None:
+        """One that refuses windows is asked no more at this length: figures over some recordings
+        would not compare with figures over all."""
+        if key in self.refused:
+            return
+        started = time.process_time()
+        try:
+            found = estimate(windows, imu)
+        except InputError as error:
+            self.refused[key] = str(error)
+            self.answers.pop(key, None)
+            return
+        seconds = time.process_time() - started
+        self.answers.setdefault(key, Answers()).add(found, windows, own, seconds)
+
+    def why_not(self) -> list[str]:
+        """A line for each estimator, with its window lengths and the shortest one's reason: the
+        others' differ in their figures; results.json has them all."""
+        own: dict[str, dict[float, str]] = defaultdict(dict)
+        for (name, window), reason in self.refused.items():
+            own[name][window] = reason
+        return [
+            f"{name} is left out at {', '.join(f'{w:g}' for w in sorted(r))} s: {r[min(r)]}"
+            for name, r in own.items()
+        ]
