@@ -7,7 +7,7 @@ python lbgc/evaluate.py log=lasergyro
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.learning.estimator import Learned
-from lbgc.metrics import Summary, time_to_reach
+from lbgc.metrics import Ratio, Summary, rmse_ratio, time_to_reach
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
@@ -262,7 +262,22 @@ def _evaluate(
     absolute = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
     notes = [*subject.notes, *notes, *evaluation.why_not()]
     by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
-    return Result(subject, rows, absolute, notes, _reach(config, rows), by_heading), evaluation
+    over = _over_floor(evaluation, keys)
+    reach = _reach(config, rows)
+    return Result(subject, rows, absolute, notes, reach, over, by_heading), evaluation
+
+
+def _over_floor(
+    evaluation: Evaluation, keys: Sequence[tuple[str, float]]
+) -> dict[tuple[str, float], Ratio]:
+    found = {}
+    for name, window in keys:
+        least = evaluation.answers.get(("floor", window))
+        if least is not None and name != "floor":
+            own = evaluation.answers[name, window]
+            errors = own.all_of("errors"), least.all_of("errors")
+            found[name, window] = rmse_ratio(*errors, own.all_of("recording"))
+    return found
 
 
 def _reach(
@@ -323,6 +338,10 @@ def _heading(record: Record, against: str) -> float:
     return heading
 
 
+def _ratio(ratio: Ratio | None) -> dict[str, float] | None:
+    return None if ratio is None else asdict(ratio)
+
+
 def _as_json(config: EvaluateConfig, result: Result, evaluation: Evaluation) -> dict:
     return {
         "subject": result.subject.name,
@@ -333,6 +352,7 @@ def _as_json(config: EvaluateConfig, result: Result, evaluation: Evaluation) -> 
                 "estimator": name,
                 "window_s": window,
                 **asdict(summary),
+                "over_floor": _ratio(result.over_floor.get((name, window))),
                 "by_heading": result.by_heading[name, window],
             }
             for (name, window), summary in result.rows.items()

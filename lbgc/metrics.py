@@ -53,9 +53,7 @@ def summarise(
     the intervals; seconds : that answering took, altogether."""
     size = np.abs(np.rad2deg(errors))
     order = np.argsort(size)  # once, for the quantiles of every resample
-    own = np.zeros(len(size), int) if recording is None else np.unique(recording, False, True)[1]
-    if own.max() == 0:  # one recording: its windows, as if they were independent
-        own = np.arange(len(size))
+    own = _numbers(np.zeros(len(size)) if recording is None else recording)
     size, latitude, own = size[order], latitude[order], own[order]
     told = sigma is not None and np.isfinite(sigma).all() and np.all(sigma > 0)
     normalised = size / np.rad2deg(sigma[order]) if sigma is not None and told else None
@@ -76,6 +74,34 @@ def summarise(
         microseconds_a_window=None if seconds is None else 1e6 * seconds / len(size),
         intervals=intervals,
     )
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Of two RMSEs on the same windows."""
+
+    value: float
+    low: float
+    """95%, paired bootstrap over recordings"""
+    high: float
+
+
+def rmse_ratio(errors: np.ndarray, others: np.ndarray, recording: np.ndarray) -> Ratio:
+    """RMSE of `errors` over RMSE of `others`, (W,) each, of the same windows; recording : (W,)."""
+    own = _numbers(recording)
+    squares = [np.bincount(own, e**2) for e in (errors, others)]
+    drawn = [
+        np.sqrt((weights @ squares[0]) / (weights @ squares[1]))
+        for weights in _resamples(len(squares[0]))
+    ]
+    low, high = np.percentile(np.concatenate(drawn), [2.5, 97.5])
+    return Ratio(float(np.sqrt(squares[0].sum() / squares[1].sum())), float(low), float(high))
+
+
+def _numbers(recording: np.ndarray) -> np.ndarray:
+    """(W,), 0, 1, ...: whose each window is; of one recording, each its own, as if independent."""
+    own = np.unique(recording, return_inverse=True)[1]
+    return own if own.max() > 0 else np.arange(len(recording))
 
 
 def _resamples(recordings: int) -> Iterator[np.ndarray]:

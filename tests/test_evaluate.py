@@ -349,6 +349,9 @@ def test_a_floor_that_knows_the_units_bias_is_far_below_one_that_does_not(
     assert done.code == 0, done.err
     rows = {r["estimator"]: r for r in results(done, tmp_path)["rows"]}
     told = rows["floor, unit known"]
+    over = rows["mean"]["over_floor"]
+    assert 0.97 < over["low"] <= over["value"] <= over["high"] < 1.03  # one bias: the mean is best
+    assert rows["floor"]["over_floor"] is None
     assert told["rmse_deg"] < 0.5 * rows["floor"]["rmse_deg"]
     assert 0.9 < told["mean_normalised_squared_error"] < 1.1 + 4 * np.sqrt(2 / 450)
     imu = known(build(ImuConfig, data.configuration["imu"]).model(600.0), ("unit",))

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from lbgc.metrics import RESAMPLES, summarise, time_to_reach
+from lbgc.metrics import RESAMPLES, rmse_ratio, summarise, time_to_reach
 
 
 def test_an_interval_is_as_wide_as_theory_says(rng):
@@ -102,3 +102,19 @@ def test_the_time_to_an_error_is_interpolated_in_logarithms():
 def test_an_error_that_comes_back_is_not_reached_before():
     assert time_to_reach([10, 20, 40, 80], [2.0, 0.5, 2.0, 0.5], 1.0) == "56.6 s"
     assert time_to_reach([10, 20], [0.5, 2.0], 1.0) == "never"
+
+
+def test_a_ratio_is_paired(rng):
+    """b = a + noise a tenth as large: the ratio is sqrt(1.01), known far better than either RMSE.
+
+    d(log ratio) is about half the mean of (b^2 - a^2)/a^2-rms, whose spread is that of 2 a (b - a):
+    0.1/sqrt(n) for n windows.
+    """
+    n = 2000
+    a = rng.standard_normal(n)
+    b = a + 0.1 * rng.standard_normal(n)
+    found = rmse_ratio(b, a, np.arange(n))
+    spread = 0.1 / np.sqrt(n)
+    assert found.value == pytest.approx(np.sqrt(1.01), abs=4 * spread)
+    assert (found.high - found.low) / 2 == pytest.approx(1.96 * spread, rel=0.3)
+    assert rmse_ratio(a, a, np.arange(n)) == rmse_ratio(b, b, np.arange(n))

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import build
-from lbgc.metrics import Summary
+from lbgc.metrics import Ratio, Summary
 from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
@@ -25,7 +25,7 @@ from lbgc.units import DEG, HOUR
 
 _COLUMNS = (
     *("estimator", "window, s", "windows", "RMSE", "its 95% interval", "median", "IQR", "95%"),
-    *("RMSE·cos(lat)", "NSE", "us"),
+    *("RMSE·cos(lat)", "over the floor", "NSE", "us"),
 )
 TRUE_SIGMA = (0.9, 1.1)
 """Of the mean normalised squared error: outside it, a stated sigma is not true."""
@@ -58,6 +58,8 @@ class Result:
     notes: list[str]
     reach: Mapping[str, Mapping[float, str]]
     """Estimator -> error in degrees -> how long a window it takes."""
+    over_floor: Mapping[tuple[str, float], Ratio]
+    """RMSE over the floor's on the same windows, where it was asked for."""
     by_heading: Mapping[tuple[str, float], list[dict[str, float]]]
     """By estimator and window length: heading_deg, windows and rmse_deg of each sector."""
 
@@ -67,10 +69,10 @@ class Result:
 
 
 def cells(result: Result) -> list[list[str]]:
-    return [_cells(name, window, summary) for (name, window), summary in result.rows.items()]
+    return [_cells(*key, s, result.over_floor.get(key)) for key, s in result.rows.items()]
 
 
-def _cells(name: str, window: float, s: Summary) -> list[str]:
+def _cells(name: str, window: float, s: Summary, over: Ratio | None) -> list[str]:
     low, high = (s.intervals or {}).get("rmse_deg", (np.nan, np.nan))
     nse, us = s.mean_normalised_squared_error, s.microseconds_a_window
     return [
@@ -80,6 +82,7 @@ def _cells(name: str, window: float, s: Summary) -> list[str]:
         f"{s.rmse_deg:.2f}",
         "-" if np.isnan(low) else f"{low:.2f} to {high:.2f}",
         *(f"{v:.2f}" for v in (s.median_deg, s.iqr_deg, s.p95_deg, s.rmse_cos_latitude_deg)),
+        "-" if over is None else f"{over.value:.3f} ({over.low:.3f} to {over.high:.3f})",
         "-" if nse is None else f"{nse:.3g}",
         "-" if us is None else f"{us:.0f}",
     ]
