@@ -1,11 +1,12 @@
-"""Windows of block means, drawn by full sensors on an ideal bench, many at once: for the tests of
-estimators and bounds. Nothing here uses the bound's own covariance."""
+"""Windows drawn many at once, for the tests of estimators and bounds: block means of full sensors
+on an ideal bench, and perfect sensors on a base that sways. Nothing here uses the bound's own
+covariance."""
 
 import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned, normal_gravity
-from lbgc.frames import euler_to_matrix
+from lbgc.frames import euler_to_matrix, rotation_z
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.imu import ImuModel
 
@@ -65,3 +66,21 @@ def windows(
         psi,
         np.zeros(count),
     )
+
+
+def swaying(count, duration_s, rate_hz, latitude_deg, tilt_deg, velocity, seed=0, turn=0.0):
+    """A body of fixed attitude (or turning about its z axis) whose site moves at `velocity`,
+    (count, n + 1, 3) in n."""
+    rng = np.random.default_rng(seed)
+    n, latitude = round(duration_s * rate_hz), np.deg2rad(latitude_deg)
+    psi = rng.uniform(-np.pi, np.pi, count)
+    base = euler_to_matrix(*np.deg2rad(tilt_deg), psi)
+    angle = turn * (np.arange(n) + 0.5) / rate_hz
+    c_nb = np.einsum("wij,njk->wnik", base, rotation_z(angle))
+    omega = np.einsum("wnij,i->wnj", c_nb, earth_rate_ned(latitude))
+    omega[..., 2] += turn
+    force = np.diff(velocity, axis=1) * rate_hz - [0.0, 0.0, normal_gravity(latitude)]
+    felt = np.einsum("wnij,wni->wnj", c_nb, force)
+    plate = np.tile(turn * (np.arange(n) + 1.0) / rate_hz, (count, 1))
+    where = np.full(count, latitude)
+    return Windows(omega, felt, plate, rate_hz, where, psi, psi, np.zeros(count))

@@ -7,32 +7,14 @@ import numpy as np
 import pytest
 from helpers import composed, needs_recording
 from scipy.signal import lfilter
+from simulated import swaying
 
 from lbgc.data import logs
-from lbgc.data.windows import Windows, cut
-from lbgc.earth import earth_rate_ned, normal_gravity
+from lbgc.data.windows import cut
 from lbgc.errors import InputError
 from lbgc.estimators.inertial import oba, oba_interval, oba_textbook
 from lbgc.evaluate import EvaluateConfig
-from lbgc.frames import euler_to_matrix, rotation_z, wrap
-
-
-def swaying(count, duration_s, rate_hz, latitude_deg, tilt_deg, velocity, seed=0, turn=0.0):
-    """A body of fixed attitude (or turning about its z axis) whose site moves at `velocity`,
-    (count, n + 1, 3) in n."""
-    rng = np.random.default_rng(seed)
-    n, latitude = round(duration_s * rate_hz), np.deg2rad(latitude_deg)
-    psi = rng.uniform(-np.pi, np.pi, count)
-    base = euler_to_matrix(*np.deg2rad(tilt_deg), psi)
-    angle = turn * (np.arange(n) + 0.5) / rate_hz
-    c_nb = np.einsum("wij,njk->wnik", base, rotation_z(angle))
-    omega = np.einsum("wnij,i->wnj", c_nb, earth_rate_ned(latitude))
-    omega[..., 2] += turn
-    force = np.diff(velocity, axis=1) * rate_hz - [0.0, 0.0, normal_gravity(latitude)]
-    felt = np.einsum("wnij,wni->wnj", c_nb, force)
-    plate = np.tile(turn * (np.arange(n) + 1.0) / rate_hz, (count, 1))
-    where = np.full(count, latitude)
-    return Windows(omega, felt, plate, rate_hz, where, psi, psi, np.zeros(count))
+from lbgc.frames import rotation_z, wrap
 
 
 def still(count, n):
