@@ -377,3 +377,12 @@ def test_recordings_together_are_answered_as_each_alone(cli, tmp_path, turning, 
     for one, other in zip(alone["rows"], together["rows"], strict=True):
         for name in ("rmse_deg", "median_deg", "mean_normalised_squared_error"):
             assert one[name] == pytest.approx(other[name], rel=1e-9)
+
+
+def test_a_perfect_sensor_is_evaluated_too(cli, tmp_path):
+    """Its Allan deviation is zero, which has no logarithm."""
+    imu = default_config("imu=ideal").imu
+    perfect = generate(tmp_path / "p.zarr", recordings=3, imu=imu, rate_hz=10.0, duration_s=60.0,
+                       split=[0, 0, 1])  # fmt: skip
+    rows = results(cli("lbgc.evaluate", f"data={perfect.path}", "windows_s=[60]"), tmp_path)["rows"]
+    assert rows[0]["rmse_deg"] < 1e-4

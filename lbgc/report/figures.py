@@ -53,9 +53,10 @@ def allan_deviation(
 ) -> Figure:
     """Gyro Allan deviation, measured (3, K) and the model's (its taus, (3, L)), deg/h."""
     figure, axes = _figure("Allan deviation of the gyro", "averaging time, s", "deg/h")
+    measured = np.where(measured > 0, measured, np.nan)  # a perfect sensor's is zero: no logarithm
     for axis, (name, colour) in enumerate(zip(AXIS_NAMES, AXIS_COLOURS, strict=True)):
         axes.loglog(taus, measured[axis], "o", color=colour, markersize=4, label=name)
-        if model is not None:
+        if model is not None and model[1][axis].any():
             axes.loglog(model[0], model[1][axis], color=colour, linewidth=1)
     axes.axhline(earth_deg_per_h, color="0.4", linestyle="--", linewidth=1)
     axes.annotate("Earth's horizontal rate", (taus[0], earth_deg_per_h), va="bottom", size="small")
