@@ -1,6 +1,6 @@
 """Classical north-finders. Each takes windows and answers each from its own rows."""
 
-from lbgc.estimators import indexed, inertial, static
+from lbgc.estimators import indexed, inertial, kalman, static
 from lbgc.estimators.estimate import Estimator
 
 CLASSICAL: dict[str, Estimator] = {
@@ -16,4 +16,5 @@ CLASSICAL: dict[str, Estimator] = {
     "oba": inertial.oba,
     "oba_textbook": inertial.oba_textbook,
     "oba_interval": inertial.oba_interval,
+    "ekf": kalman.ekf,
 }

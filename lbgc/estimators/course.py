@@ -137,13 +137,13 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
 
     # An encoder is read at a sample's end; its mean over the sample is half a step earlier.
     late = 0.5 if sample_s is None else 0.5 * sample_s * windows.rate_hz
-    angle = mean(windows.plate_angle - late * _steps(windows.plate_angle))
+    angle = mean(windows.plate_angle - late * travel(windows.plate_angle))
     gyro, accel = mean(windows.gyro), mean(windows.accel)
     interval = size / windows.rate_hz
     turning = np.gradient(angle, interval, axis=1) if n > 1 else np.zeros_like(angle)
     turning[np.abs(turning) * interval < _RESTS] = 0.0
     gyro[..., 2] -= turning
-    tilt = _tilt(angle, accel)
+    tilt = tilt_of(angle, accel)
     data = np.concatenate([_turned_level(v, angle, tilt) for v in (gyro, accel)], axis=1)
     lean = np.arccos(np.clip(tilt[:, 2, 2], -1, 1))
     groups: dict[tuple[Course, float], list[int]] = {}
@@ -163,16 +163,18 @@ def _block(samples: int, most: int) -> int:
     return next(k for k in range(-(-samples // most), samples + 1) if samples % k == 0)
 
 
-def _steps(angle: np.ndarray) -> np.ndarray:
+def travel(angle: np.ndarray) -> np.ndarray:
     """Each sample's travel, (W, T), rad."""
-    travel = np.diff(angle, axis=1, prepend=angle[:, :1])
+    steps = np.diff(angle, axis=1, prepend=angle[:, :1])
     if angle.shape[1] > 1:
-        travel[:, 0] = travel[:, 1]
-    return travel
+        steps[:, 0] = steps[:, 1]
+    return steps
 
 
-def _tilt(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
-    """From the base's axes to level ones, (W, 3, 3)."""
+def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
+    """From the base's axes to level ones, (W, 3, 3).
+
+    angle : (W, n), rad, the plate's; accel : (W, n, 3), specific force in the body's axes."""
     x, y, z = (_to_base(accel, angle)[..., i].mean(axis=1) for i in (0, 1, 2))
     return euler_to_matrix(*level(np.stack([x, y, z], axis=-1)), 0.0)
 

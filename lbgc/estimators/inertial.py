@@ -25,15 +25,11 @@ from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.linear import check
+from lbgc.estimators.longrun import STUDENT, autocorrelation, kernel
 from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
 from lbgc.sensor.imu import ImuModel
 
 _LEAST_SAMPLES = 50
-_STUDENT = 1.1
-"""nu/(nu - 2), by which dividing by a variance of nu degrees of freedom raises the mean of squared
-ratios: measured without it, 1.18 to 1.20 for white velocity and 1.00 to 1.06 for a sway about 1 Hz
-(windows of 10 and 30 s). This lies between. A sway of a narrow band gives 0.8 to 0.95 with it: its
-sigma is then too large by up to an eighth."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +123,7 @@ def _apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:
     in i (Rodrigues' formula, integrated)."""
     t = (np.arange(n) + 1.0) * dt
     beta = np.empty((len(windows), n, 3))
-    for row, latitude in enumerate(windows.latitude):
+    for latitude in np.unique(windows.latitude):
         axis = earth_rate_ned(latitude) / EARTH_RATE
         down = np.array([0.0, 0.0, normal_gravity(float(latitude))])
         cross = skew(axis) @ down
@@ -135,7 +131,9 @@ def _apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:
         phase = EARTH_RATE * t
         once = 2 * np.sin(phase / 2) ** 2 / EARTH_RATE  # (1 - cos)/Omega
         slow = t**3 * EARTH_RATE**2 / 6 * (1 - phase**2 / 20)  # t - sin/Omega, without cancellation
-        beta[row] = -(np.outer(t, down) + np.outer(once, cross) + np.outer(slow, twice))
+        beta[windows.latitude == latitude] = -(
+            np.outer(t, down) + np.outer(once, cross) + np.outer(slow, twice)
+        )
     return beta
 
 
@@ -156,11 +154,13 @@ def _mean_heading(c_ib0: np.ndarray, series: _Series, windows: Windows) -> np.nd
     """Of the body over the window, less the plate's angle: n turns with Earth in i meanwhile."""
     t = (np.arange(series.turned.shape[1]) + 1.0) / windows.rate_hz
     heading = np.empty(len(windows))
-    for row, latitude in enumerate(windows.latitude):
+    for latitude in np.unique(windows.latitude):
+        rows = np.flatnonzero(windows.latitude == latitude)
         earth = rotation_matrix(earth_rate_ned(latitude) * t[:, None])  # C_in
-        c_nb = np.swapaxes(earth, 1, 2) @ (c_ib0[row] @ series.turned[row])
-        off = matrix_to_euler(c_nb)[2] - windows.plate_angle[row]
-        heading[row] = np.angle(np.mean(np.exp(1j * off)))
+        for row in rows:
+            c_nb = np.swapaxes(earth, 1, 2) @ (c_ib0[row] @ series.turned[row])
+            off = matrix_to_euler(c_nb)[2] - windows.plate_angle[row]
+            heading[row] = np.angle(np.mean(np.exp(1j * off)))
     return wrap(heading)
 
 
@@ -169,30 +169,27 @@ def _sigma(c_ib0: np.ndarray, series: _Series, form: _Form) -> np.ndarray:
 
     A small rotation phi of the fit moves it by phi x beta, so phi is a linear regression and the
     heading's error is G' D r/(G' G): G the heading's regressor with the tilts' and the offset's
-    share taken out, D the form that was fitted. With g = D' G and r stationary, the variance of
-    g' r is the sum of gamma_k (g * g)_k, gamma its autocovariance as the residuals show it, tapered
-    by Parzen's window (a third of the window long) so that the sum cannot be negative. The fit took
-    some of r with it, most where g lies: the sum is divided by what it would be on average if r
-    were white, over what that should be. It has few degrees of freedom, see _STUDENT.
+    share taken out, D the form that was fitted. The variance of g' r, g = D' G, is estimated as
+    lbgc.estimators.longrun says. The fit took some of r with it, most where g lies: the sum is
+    divided by what it would be on average if r were white, over what that should be. It has few
+    degrees of freedom, see STUDENT.
     """
     left = series.beta - np.einsum("wij,wtj->wti", c_ib0, series.alpha)
     if form is not _AS_IT_IS:
         left = _centred(left)
     n = left.shape[1]
-    x = np.arange(n // 3 + 1) / (n // 3)
-    taper = np.where(x <= 0.5, 1 - 6 * x**2 + 6 * x**3, 2 * (1 - x) ** 3)[:, None]
     fitted = form.of(series.beta)
     sigma = np.empty(len(left))
     for row in range(len(left)):
-        G = _regressor(fitted[row], offsets=False)[1]
-        g, size = form.transpose(G, n), np.sum(G**2)
-        basis, _ = _regressor(series.beta[row], offsets=True)
-        kernel = _autocorrelation(g)[: len(x)] * taper / n
-        twice = np.where(x > 0, 2, 1)[:, None] * kernel
-        found = np.sum(twice * _autocorrelation(left[row, :, :2])[: len(x)])
-        taken = np.sum(twice[..., None] * _autocorrelation(basis)[: len(x)])
+        if row == 0 or (series.beta[row] != series.beta[row - 1]).any():  # they share a latitude
+            G = _regressor(fitted[row], offsets=False)[1]
+            basis = _regressor(series.beta[row], offsets=True)[0]
+            g, size = form.transpose(G, n), np.sum(G**2)
+            weights = kernel(g)
+            taken = np.sum(weights[..., None] * autocorrelation(basis)[: len(weights)])
+        found = np.sum(weights * autocorrelation(left[row, :, :2])[: len(weights)])
         of_white = np.sum(g**2)
-        sigma[row] = np.sqrt(_STUDENT * found * of_white / (of_white - taken)) / size
+        sigma[row] = np.sqrt(STUDENT * found * of_white / (of_white - taken)) / size
     return sigma
 
 
@@ -207,10 +204,3 @@ def _regressor(beta: np.ndarray, offsets: bool) -> tuple[np.ndarray, np.ndarray]
     basis, triangle = np.linalg.qr(np.stack(columns, axis=1))
     G = basis[:, -1] * triangle[-1, -1]
     return np.moveaxis(basis.reshape(2, -1, basis.shape[1]), 0, 1), G.reshape(2, -1).T
-
-
-def _autocorrelation(series: np.ndarray) -> np.ndarray:
-    """Sums of products at lags 0, 1, ... along the first axis, the others left as they are."""
-    size = 2 * len(series)
-    power = np.abs(np.fft.rfft(series, size, axis=0)) ** 2
-    return np.fft.irfft(power, size, axis=0)[: len(series)]

@@ -21,6 +21,7 @@ cross-axis errors times the horizontal rate, averaged over headings; g-sensitivi
 warming up. Accelerometers': the same, and the force of a lever arm of unknown length (0.3 m).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -210,24 +211,38 @@ _CHUNK = 4096  # headings on grids at once
 
 
 def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """The heading of the largest log p, (V,): on a grid, then Newton's steps."""
-    return np.concatenate([_mode(h[i : i + _CHUNK], J) for i in range(0, len(h), _CHUNK)])
+    """The heading of the largest log p, (V,): on a grid, then Newton's steps. J : (2, 2), or
+    (V, 2, 2) for one a window."""
+    return _in_chunks(_mode, h, J)[0]
 
 
-def _mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
+def _in_chunks(
+    each: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, ...]], h: np.ndarray, J: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    J = np.broadcast_to(J, (len(h), 2, 2))
+    parts = [each(h[i : i + _CHUNK], J[i : i + _CHUNK]) for i in range(0, len(h), _CHUNK)]
+    return tuple(np.concatenate(p) for p in zip(*parts, strict=True))
+
+
+def _mode(h: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, ...]:
     psi = _GRID[np.argmax(_log_p(h, J, _GRID[None]), axis=1)]
     for _ in range(6):
         q, n = along(psi), across(psi)
-        slope = np.sum(n * (h - q @ J), axis=1)
-        curvature = np.sum(q * (h - q @ J), axis=1) + np.sum((n @ J) * n, axis=1)
+        slope = np.sum(n * (h - _along(q, J)), axis=1)
+        curvature = np.sum(q * (h - _along(q, J)), axis=1) + np.sum(_along(n, J) * n, axis=1)
         psi = psi + np.clip(slope / np.maximum(curvature, 1e-30), -0.01, 0.01)
-    return wrap(psi)
+    return (wrap(psi),)
+
+
+def _along(q: np.ndarray, J: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...ij->...j", q, J)
 
 
 def _log_p(h: np.ndarray, J: np.ndarray, psi: np.ndarray) -> np.ndarray:
     """psi : (V, G), or (1, G) for all alike."""
     c, s = np.cos(psi), np.sin(psi)
-    quadratic = J[0, 0] * c * c + 2 * J[0, 1] * c * s + J[1, 1] * s * s
+    xx, xy, yy = (J[..., i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+    quadratic = xx * c * c + 2 * xy * c * s + yy * s * s
     return h[:, :1] * c + h[:, 1:] * s - quadratic / 2
 
 
@@ -240,15 +255,13 @@ def likeliest(told: Information, data: np.ndarray) -> Estimate:
 def bayes(h: np.ndarray, J: np.ndarray) -> Estimate:
     """The Bayes-optimal estimate: with a flat prior on the circle the posterior's circular mean,
     which minimises the mean of 1 - cos(error); and the posterior's RMS error about it."""
-    parts = [_bayes(h[i : i + _CHUNK], J) for i in range(0, len(h), _CHUNK)]
-    heading, sigma = (np.concatenate(p) for p in zip(*parts, strict=True))
-    return Estimate(heading, sigma)
+    return Estimate(*_in_chunks(_bayes, h, J))
 
 
-def _bayes(h: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    at = mode(h, J)
+def _bayes(h: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, ...]:
+    (at,) = _mode(h, J)
     n = across(at)
-    width = 1 / np.sqrt(np.sum((n @ J) * n, axis=1))
+    width = 1 / np.sqrt(np.maximum(np.sum(_along(n, J) * n, axis=1), 1e-30))
     narrow = width < _NARROW  # all of it within nine widths, which a grid of the circle would miss
     spread = np.where(narrow, 9 * width, np.pi)
     steps = (np.arange(720) + 0.5) / 360 - 1

@@ -1,0 +1,313 @@
+"""Fine alignment by an error-state Kalman filter, from any heading.
+
+The filter works in axes n' that are level, stand still on Earth, and look where the body looked
+when the plate's encoder read zero; how they lie to north is what is sought. With q = (cos psi,
+sin psi) Earth's rate there is linear in q (Scherzinger 1996, "Inertial navigation system error
+models for large heading uncertainty"),
+
+    w_ie = Omega (cos(lat) q_1, -cos(lat) q_2, -sin(lat))
+
+so a heading that nobody knows is a q of any size, and the filter stays linear however wrong it
+begins; a small-angle heading error would not. What it has learnt of q at the end, less what it was
+told at the start, is a log-likelihood q' h - q' J q/2, and the circle is put back there (see
+lbgc.estimators.information). The other errors are attitude phi (true C = (I + phi x) C), velocity,
+and biases: of each gyro and accelerometer a constant that walks and one Gauss-Markov process (see
+lbgc.estimators.drift), and what a rate about z makes in each gyro: misalignment, and scale in z.
+
+    phi' = -w_ie x phi - C (b_g + m w_z + white) - dw_ie(q)
+    v'   = -f x phi - C (b_a + white)
+
+(Shin 2005, "Estimation techniques for low-cost inertial navigation", with v relative to Earth and
+its Coriolis force left out.) The gyros carry C. Velocity is zero while the plate rests or turns
+evenly (ZUPT). While it rests on a base that rests, C is held, and the gyros say what Earth's rate
+and their biases are (zero angular rate; its vertical part is ZIHR).
+
+Whether the base rests is asked of the filter: where its innovations are much larger than it
+expects, the window is answered again at 10 Hz or faster, C carried by the gyros throughout, and
+with velocity as noisy as the window shows it to be (see lbgc.estimators.longrun).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE, normal_gravity
+from lbgc.estimators import drift
+from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.information import bayes
+from lbgc.estimators.linear import check, needs_model
+from lbgc.estimators.longrun import STUDENT
+from lbgc.estimators.steps import Steps, coarse, cut_steps, sway
+from lbgc.frames import matrix_to_euler, rotation_matrix, rotation_z, skew, wrap
+from lbgc.sensor.imu import ImuModel
+
+PHI, V, Q, BG, BA, M, WG, WA = (
+    slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 11), slice(11, 14), slice(14, 17),
+    slice(17, 20), slice(20, 23),
+)  # fmt: skip
+STATES = 23
+_MOST_STEPS = 240
+_FAST_HZ = 10.0
+_SLOWEST_HZ = 5.0
+_LEAST_SAMPLES = 10
+_CHUNK = 256
+_LEVER_M = 0.3
+_Q_SIGMA = 10.0
+_TILT_SIGMA = np.deg2rad(2.0)
+_SHAKEN = 1.0
+"""m/s: while the plate speeds up, an unknown lever arm makes velocities that nobody follows."""
+_ENCODER = np.deg2rad(0.01)
+_STILL = 1e-5
+"""m/s, of a base that rests."""
+_MOVES = 2.0
+"""Mean of normalised squared innovations above which the base is taken to move."""
+
+
+def ekf(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Error-state Kalman filter; see the module. It needs the sensor's model, takes any tilt and
+    any plate that rests or turns evenly for some of the window, and on a base that moves answers
+    the mean heading over the window."""
+    model = needs_model("ekf", imu)
+    check("ekf", windows)
+    samples = windows.gyro.shape[1]
+    if samples < _LEAST_SAMPLES:
+        raise refusal("ekf", samples, "", f"samples a window; it takes {_LEAST_SAMPLES} or more")
+    found = [_answer(_rows(windows, slice(i, i + _CHUNK)), model)
+             for i in range(0, len(windows), _CHUNK)]  # fmt: skip
+    none = np.zeros(0)
+    return Estimate(
+        np.concatenate([none, *(f.heading for f in found)]),
+        np.concatenate([none, *(f.sigma for f in found)]),
+    )
+
+
+def _rows(windows: Windows, which: slice | np.ndarray) -> Windows:
+    return replace(windows, **{k: v[which] for k, v in vars(windows).items() if k != "rate_hz"})
+
+
+def _answer(windows: Windows, imu: ImuModel) -> Estimate:
+    samples = windows.gyro.shape[1]
+    steps = cut_steps(windows, imu, -(-samples // _MOST_STEPS), False, "ekf")
+    quiet = np.full(len(windows), _STILL**2 + drift.of_integral(imu.accel).max())
+    found, surprise = _filter(windows, imu, steps, quiet, still=True)
+    moves = np.flatnonzero(surprise > _MOVES)
+    if not len(moves):
+        return found
+    if windows.rate_hz < _SLOWEST_HZ:
+        about = ("times the squared innovations that the sensor's model explains: the base moves, "
+                 f"which takes samples at {_SLOWEST_HZ:g} Hz or faster, or the model is not this "
+                 "sensor's")  # fmt: skip
+        raise refusal("ekf", f"{surprise.max():.3g}", "", about)
+    swaying = _rows(windows, moves)
+    fast = cut_steps(swaying, imu, max(1, int(windows.rate_hz / _FAST_HZ)), True, "ekf")
+    noise = sway(fast, "ekf")
+    again, _ = _filter(swaying, imu, fast, STUDENT * noise, still=False)
+    found.heading[moves], found.sigma[moves] = again.heading, again.sigma
+    return found
+
+
+@dataclass
+class _State:
+    """What the filter believes of W windows, and how surely."""
+
+    c_nb: np.ndarray
+    velocity: np.ndarray
+    q: np.ndarray
+    other: np.ndarray
+    """(W, 15): biases, misalignment, Gauss-Markov parts, as in P"""
+    P: np.ndarray
+    """(W, STATES, STATES)"""
+
+    def take(self, error: np.ndarray) -> None:
+        """The errors found, (W, STATES), into what is believed."""
+        self.c_nb = rotation_matrix(error[:, PHI]) @ self.c_nb
+        self.velocity += error[:, V]
+        self.q += error[:, Q]
+        self.other += error[:, BG.start :]
+
+    @property
+    def misalignment(self) -> np.ndarray:
+        return self.other[:, M.start - BG.start : M.stop - BG.start]
+
+    def bias(self, one: slice, two: slice) -> np.ndarray:
+        """The sum of two of the others, (W, 3)."""
+        shift = BG.start
+        return np.asarray(
+            self.other[:, one.start - shift : one.stop - shift]
+            + self.other[:, two.start - shift : two.stop - shift]
+        )
+
+
+@dataclass(frozen=True)
+class _Law:
+    """How errors come about in W windows."""
+
+    gyro: drift.Drift
+    accel: drift.Drift
+    earth: np.ndarray
+    """(W, 3, 2), rad/s: of q"""
+    vertical: np.ndarray
+    """(W, 3), rad/s: Earth's rate about down"""
+    gravity: np.ndarray
+    """(W, 3), m/s^2"""
+    start: np.ndarray
+    """(W, STATES), variances"""
+    decay: np.ndarray
+    """(STATES,), of a state in a step"""
+    driven: np.ndarray
+    """(W, STATES), variances that a step adds"""
+
+    @classmethod
+    def of(cls, windows: Windows, imu: ImuModel, steps: Steps, still: bool) -> "_Law":
+        latitude, start_s = windows.latitude, windows.start_s
+        w, h = len(windows), steps.interval
+        g = np.array([normal_gravity(float(at)) for at in latitude])
+        gyro = drift.of_gyro(imu, windows.duration_s, start_s, latitude, g)
+        accel = drift.of_accel(imu, windows.duration_s, start_s, g)
+        earth = np.zeros((w, 3, 2))
+        earth[:, 0, 0] = EARTH_RATE * np.cos(latitude)
+        earth[:, 1, 1] = -earth[:, 0, 0]
+        vertical, gravity = np.zeros((w, 3)), np.zeros((w, 3))
+        vertical[:, 2], gravity[:, 2] = -EARTH_RATE * np.sin(latitude), g
+        start, driven, decay = np.zeros((w, STATES)), np.zeros((w, STATES)), np.ones(STATES)
+        start[:, PHI] = _TILT_SIGMA**2, _TILT_SIGMA**2, 0.0
+        start[:, V], start[:, Q] = _SHAKEN**2, _Q_SIGMA**2
+        start[:, M] = np.square([*imu.gyro.misalignment_unit[:2], imu.gyro.scale_unit[2]])
+        for law, constant, wanders in ((gyro, BG, WG), (accel, BA, WA)):
+            start[:, constant], start[:, wanders] = law.constant, law.wander
+            driven[:, constant] = law.walk * h
+            decay[wanders] = np.exp(-h / law.time)
+            driven[:, wanders] = law.wander * (1 - decay[wanders] ** 2)
+        # what turns evenly at an unknown arm feels a force that does not change in its own axes
+        spin = np.abs(np.where(steps.even, 2 * steps.half / h, 0.0)).max(axis=1)
+        start[:, BA.start : BA.start + 2] += ((_LEVER_M * spin**2) ** 2)[:, None]
+        driven[:, V] = accel.white * h
+        if not still:  # the window's own velocities show what accelerometers do within it
+            start[:, WA], driven[:, V], driven[:, BA], driven[:, WA] = 0.0, 0.0, 0.0, 0.0
+        return cls(gyro, accel, earth, vertical, gravity, start, decay, driven)
+
+
+def _filter(
+    windows: Windows, imu: ImuModel, steps: Steps, noise: np.ndarray, still: bool
+) -> tuple[Estimate, np.ndarray]:
+    """noise : (W,), (m/s)^2, of velocities that should be zero. Returns the answers, and the mean
+    of the normalised squared innovations, (W,)."""
+    law = _Law.of(windows, imu, steps, still)
+    base, c_nb, first = coarse(steps)
+    w, n = steps.angle.shape
+    P = law.start[:, :, None] * np.eye(STATES)
+    state = _State(c_nb, np.zeros((w, 3)), np.zeros((w, 2)), np.zeros((w, 15)), P)
+    R = np.full((w, 7), _ENCODER**2)
+    R[:, :3] = (law.gyro.white + 2 * law.gyro.angle / windows.duration_s) / steps.interval
+    R[:, 3:6] = noise[:, None]
+    surprise, count = np.zeros(w), np.zeros(w)
+    turned = np.zeros(w, complex)
+    for k in range(n):
+        begun = k >= first
+        even = steps.even[:, k] & begun
+        held = (steps.rests[:, k] & still) | ~begun
+        start = state.c_nb
+        _advance(state, law, steps, k, held)
+        state.P[:, V, V] += (~even * _SHAKEN**2)[:, None, None] * np.eye(3)
+        z, H = _innovation(state, law, steps, k, base, start)
+        used = np.stack([even & held] * 3 + [even] * 3 + [even & still], axis=1)
+        surprise += _update(state, z, H, R, used)
+        count += used.sum(axis=1)
+        at_zero = state.c_nb @ rotation_z(-steps.angle[:, k] - steps.half[:, k])
+        turned += np.exp(1j * matrix_to_euler(at_zero)[2]) * even
+    # a base that rests does not turn; what its gyros make of a slew is their error
+    off = 0.0 if still else np.angle(turned)
+    return _on_the_circle(state, off), surprise / np.maximum(count, 1)
+
+
+def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -> None:
+    """One step on: what is believed, and how surely. held : bool (W,), where C stays as it is."""
+    h, rate = steps.interval, steps.rate[:, k]
+    earth = law.vertical + np.einsum("wij,wj->wi", law.earth, state.q)
+    of_gyro = state.bias(BG, WG) + state.misalignment * rate[:, 2:]
+    c_nb = state.c_nb
+    half = np.where(held[:, None], 0.0, rate * h / 2)
+    middle = c_nb @ rotation_matrix(half)
+    on = rotation_matrix(-earth * h) @ c_nb @ steps.turned[:, k] @ rotation_matrix(-of_gyro * h)
+    push = np.where(held[:, None], steps.force[:, k] * h, steps.push[:, k])
+    pushed = np.einsum("wij,wj->wi", c_nb, push)
+    pushed -= np.einsum("wij,wj->wi", middle, state.bias(BA, WA)) * h
+    state.velocity += pushed + law.gravity * h
+    state.c_nb = np.where(held[:, None, None], c_nb, on)
+
+    carried = (~held)[:, None, None]
+    D = np.zeros((len(held), 6, STATES))  # the transition of phi and v, less identity
+    D[:, PHI, PHI] = -skew(earth * h) * carried
+    D[:, PHI, Q] = -law.earth * h * carried
+    D[:, PHI, BG] = D[:, PHI, WG] = -middle * h * carried
+    D[:, PHI, M] = D[:, PHI, BG] * rate[:, None, 2:]
+    D[:, V, PHI] = -skew(pushed)
+    D[:, V, BA] = D[:, V, WA] = -middle * h
+    P = state.P
+    moved = D @ P
+    P[:, :6] += moved
+    P[:, :, :6] += np.swapaxes(moved, 1, 2)
+    P[:, :6, :6] += moved @ np.swapaxes(D, 1, 2)
+    P *= law.decay[:, None] * law.decay
+    state.other *= law.decay[BG.start :]
+    diagonal = np.arange(STATES)
+    P[:, diagonal, diagonal] += law.driven
+    P[:, PHI, PHI] += carried * (law.gyro.white * h) * np.eye(3)
+
+
+def _innovation(
+    state: _State, law: _Law, steps: Steps, k: int, base: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rate (rad/s) less what is expected at rest; zero less velocity (m/s); the plate's angle (rad)
+    less what C makes of it; all (W, 7). And how they move with the errors, (W, 7, STATES).
+
+    base : (W, 3, 3), its attitude at first; start : C at the step's start.
+    """
+    rate = steps.rate[:, k]
+    earth = law.vertical + np.einsum("wij,wj->wi", law.earth, state.q)
+    c_bn = np.swapaxes(state.c_nb, 1, 2)
+    of_gyro = state.bias(BG, WG) + state.misalignment * rate[:, 2:]
+    z = np.zeros((len(rate), 7))
+    z[:, :3] = rate - of_gyro - np.einsum("wij,wj->wi", c_bn, earth)
+    back = np.einsum("wij,wj->wi", start, steps.push[:, k] - steps.mean_push[:, k])
+    short = steps.interval - steps.mean_time
+    free = law.gravity - np.einsum("wij,wj->wi", start, state.bias(BA, WA))
+    z[:, 3:6] = back + free * short - state.velocity
+    angle = steps.angle[:, k] + steps.half[:, k]
+    z[:, 6] = wrap(angle - matrix_to_euler(np.swapaxes(base, 1, 2) @ state.c_nb)[2])
+    H = np.zeros((len(rate), 7, STATES))
+    H[:, :3, PHI] = c_bn @ skew(earth)
+    H[:, :3, Q] = c_bn @ law.earth
+    H[:, :3, BG] = H[:, :3, WG] = np.eye(3)
+    H[:, :3, M] = np.eye(3) * rate[:, None, 2:]
+    H[:, 3:6, V] = np.eye(3)
+    H[:, 3:6, PHI] = skew(back)
+    H[:, 3:6, BA] = H[:, 3:6, WA] = start * short
+    H[:, 6, PHI] = c_bn[:, 2]
+    return z, H
+
+
+def _update(
+    state: _State, z: np.ndarray, H: np.ndarray, R: np.ndarray, used: np.ndarray
+) -> np.ndarray:
+    """Take the innovations z (W, m) where they are used, bool (W, m); R : (W, m). Returns the sum
+    of their normalised squares, (W,)."""
+    z, H, R = z * used, H * used[..., None], np.where(used, R, 1.0)
+    PH = state.P @ np.swapaxes(H, 1, 2)
+    S = H @ PH + R[:, None, :] * np.eye(R.shape[1])
+    K = np.swapaxes(np.linalg.solve(S, np.swapaxes(PH, 1, 2)), 1, 2)
+    state.P -= K @ np.swapaxes(PH, 1, 2)
+    state.take(np.einsum("wij,wj->wi", K, z))
+    return np.einsum("wi,wi->w", z, np.linalg.solve(S, z[..., None])[..., 0])
+
+
+def _on_the_circle(state: _State, off: np.ndarray | float) -> Estimate:
+    """The heading's posterior mean and spread under a flat prior, from what was learnt of q.
+
+    off : rad, (W,), by which the body's mean heading differs from that of n'.
+    """
+    inverse = np.linalg.inv(state.P[:, Q, Q])
+    h = np.einsum("wij,wj->wi", inverse, state.q)
+    found = bayes(h, inverse - np.eye(2) / _Q_SIGMA**2)
+    return Estimate(wrap(found.heading + off), found.sigma)
