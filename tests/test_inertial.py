@@ -8,11 +8,12 @@ import pytest
 from helpers import composed, needs_recording
 from scipy.signal import lfilter
 from simulated import swaying
+from test_indexed import IDEAL
 
 from lbgc.data import logs
 from lbgc.data.windows import cut
 from lbgc.errors import InputError
-from lbgc.estimators.inertial import oba, oba_interval, oba_textbook
+from lbgc.estimators.inertial import oba, oba_bias, oba_interval, oba_textbook
 from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import rotation_z, wrap
 
@@ -49,6 +50,44 @@ def test_a_stated_sigma_is_true(estimate, sway):
     found = estimate(w)
     nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
     assert 0.9 - 0.2 < nse < 1.1 + 0.2
+
+
+@pytest.mark.parametrize("latitude", [-50.0, 40.0])
+def test_a_plate_that_turns_tells_bias_from_north(latitude):
+    """5 degrees an hour on each gyro, nothing known of it: a third of Earth's rate. What is left is
+    the force's mean over half a sample's turn, as without a bias."""
+    w = swaying(8, 60.0, 50.0, latitude, (0.0, 0.0), still(8, 3000), turn=np.deg2rad(12.0))
+    w = replace(w, gyro=w.gyro + np.deg2rad([5.0, -5.0, 5.0]) / 3600)
+    off = wrap(oba_bias(w).heading - w.heading)
+    np.testing.assert_allclose(off, 0.0, atol=np.deg2rad(0.15))
+    assert rmse_deg(wrap(oba(w).heading - w.heading)) > 5 * rmse_deg(off)
+
+
+@pytest.mark.parametrize("turn_deg_s", [0.0, 12.0])
+def test_with_a_gyro_bias_the_stated_sigma_is_true(turn_deg_s):
+    """1 degree an hour of run bias under a sway: the same 10% and four sampling errors. At rest the
+    bias is all of the error, 1/(15.04 cos lat), and says so; on a turning plate it is gone."""
+    count, rng = 300, np.random.default_rng(6)
+    velocity = 1e-3 * rng.standard_normal((count, 601, 3))
+    turn, size = np.deg2rad(turn_deg_s), np.deg2rad(1.0) / 3600
+    w = swaying(count, 30.0, 20.0, 34.0, (0.0, 0.0), velocity, turn=turn)
+    w = replace(w, gyro=w.gyro + size * rng.standard_normal((count, 1, 3)))
+    only_bias = replace(IDEAL, gyro=replace(IDEAL.gyro, bias_run=(size,) * 3))
+    found = oba_bias(w, only_bias)
+    errors = wrap(found.heading - w.heading)
+    nse = np.mean((errors / found.sigma) ** 2)
+    assert 0.9 - 4 * np.sqrt(2 / count) < nse < 1.1 + 4 * np.sqrt(2 / count)
+    of_bias = np.rad2deg(1.0 / 15.04 / np.cos(np.deg2rad(34.0)))
+    if turn_deg_s:
+        assert rmse_deg(errors) < 0.6 * of_bias
+    else:
+        assert rmse_deg(errors) == pytest.approx(of_bias, rel=0.2)
+
+
+def test_at_rest_a_bias_of_any_size_has_no_answer():
+    w = swaying(2, 30.0, 20.0, 34.0, (2.0, 3.0), still(2, 600))
+    with pytest.raises(InputError, match="does not turn enough"):
+        oba_bias(w)
 
 
 def test_what_it_cannot_answer_it_refuses():

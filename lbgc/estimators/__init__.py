@@ -16,5 +16,6 @@ CLASSICAL: dict[str, Estimator] = {
     "oba": inertial.oba,
     "oba_textbook": inertial.oba_textbook,
     "oba_interval": inertial.oba_interval,
+    "oba_bias": inertial.oba_bias,
     "ekf": kalman.ekf,
 }

@@ -13,16 +13,23 @@ largest eigenvector is the quaternion of the rotation that fits the two series b
 Where a window starts the sway has some velocity v(0), which is as large as all that follow. `oba`
 has it free, which takes each series less its mean; `oba_textbook` has it zero. `oba_interval` fits
 differences over a third of the window instead: no initial velocity there, twice the noise.
+
+A gyro's bias b turns C_b0_b by psi = A b, A the integral of C_b0_b, and so adds Gamma b to alpha,
+Gamma the integral of [C_b0_b f x] A: to first order a linear unknown (`oba_bias`; Chang et al. 2015
+estimate it along with the attitude). Unless the plate turns, an east bias b bends velocity just as
+a heading error of b/(Omega cos(lat)) does. No window can tell them apart; what is known of the bias
+can.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
+from lbgc.estimators import drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.linear import check
 from lbgc.estimators.longrun import STUDENT, autocorrelation, kernel
@@ -30,6 +37,15 @@ from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
 from lbgc.sensor.imu import ImuModel
 
 _LEAST_SAMPLES = 50
+_PASSES = 3
+_ANY_BIAS = 1e-2
+"""rad/s, of a gyro of which nothing is known."""
+_LEAST_BIAS = 1e-12
+_LEAST_VELOCITY = 1e-9
+"""rad/s and m/s: far below all others, so that nothing is divided by zero."""
+_RANK = 1e-9
+_NO_ANSWER = 1.0
+"""rad"""
 
 
 @dataclass(frozen=True)
@@ -67,6 +83,95 @@ def oba_interval(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     return _align("oba_interval", windows, _DIFFERENCES)
 
 
+def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Velocity alignment with a constant bias of each gyro unknown too, as large as the sensor's
+    model says; of any size where that is not known. The sway's initial velocity is free.
+
+    Raises InputError where the sensor is not known and no plate turns enough to tell its bias.
+    """
+    name = "oba_bias"
+    _check(name, windows)
+    bias = np.zeros((len(windows), 3))
+    size = _bias_sizes(windows, imu)
+    series = _integrate(windows)
+    c_ib0 = _davenport(_centred(series.alpha), _centred(series.beta))
+    for again in range(_PASSES):
+        if again:
+            series = _integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
+        of_bias = _of_bias(windows, series)
+        fits = [
+            _fit(series.beta[row], c_ib0[row] @ series.alpha[row].T, c_ib0[row] @ of_bias[row],
+                 bias[row], size[row])
+            for row in range(len(windows))
+        ]  # fmt: skip
+        turn, step, sigma = (np.array(part) for part in zip(*fits, strict=True))
+        c_ib0, bias = rotation_matrix(turn) @ c_ib0, bias + step
+    if imu is None and sigma.max(initial=0.0) > _NO_ANSWER:
+        about = "is not known, and the plate does not turn enough to tell a gyro's bias from north"
+        raise refusal(name, "imu", "", about)
+    series = _integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
+    return Estimate(_mean_heading(c_ib0, series, windows), sigma)
+
+
+def _bias_sizes(windows: Windows, imu: ImuModel | None) -> np.ndarray:
+    """1 sigma, (W, 3), rad/s, of what stays constant in the gyros: on a plate that turns,
+    misalignment towards z is one more bias, and z's scale error."""
+    if imu is None:
+        return np.full((len(windows), 3), _ANY_BIAS)
+    g = np.array([normal_gravity(float(at)) for at in windows.latitude])
+    law = drift.of_gyro(imu, windows.duration_s, windows.start_s, windows.latitude, g)
+    of_z = np.square([*imu.gyro.misalignment_unit[:2], imu.gyro.scale_unit[2]])
+    turning = np.outer(np.mean(windows.gyro[..., 2], axis=1) ** 2, of_z)
+    return np.asarray(np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS)
+
+
+def _of_bias(windows: Windows, series: _Series) -> np.ndarray:
+    """Gamma, (W, T, 3, 3): how alpha moves with the gyros' biases."""
+    dt = 1 / windows.rate_hz
+    before = np.concatenate(
+        [np.broadcast_to(np.eye(3), (len(windows), 1, 3, 3)), series.turned[:, :-1]], axis=1
+    )
+    turned = np.cumsum(series.turned + before, axis=1) / 2 * dt
+    middle = turned - series.turned * dt / 2
+    force = np.einsum("wnij,wnj->wni", before, windows.accel)
+    return np.asarray(np.cumsum(skew(force) @ middle, axis=1) * dt)
+
+
+def _fit(
+    beta: np.ndarray, fitted: np.ndarray, of_bias: np.ndarray, bias: np.ndarray, size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """The rotation still missing, (3,), the bias still missing, (3,), and the heading's sigma, rad.
+
+    beta : (T, 3); fitted : C alpha, (3, T); of_bias : C Gamma, (T, 3, 3); bias, size : (3,), what
+    was taken off already, and 1 sigma of the whole. Least squares with the bias's law as three more
+    equations; velocity's noise by what is left when biases are free, as in `_sigma`.
+    """
+    n = len(beta)
+    left = (beta - fitted.T)[:, :2]
+    free = _regressor_columns(beta, offsets=True)
+    columns = np.concatenate([free, of_bias[:, :2].swapaxes(0, 1).reshape(2 * n, 3)], axis=1)
+    flat, length = left.T.ravel(), np.linalg.norm(columns, axis=0)
+    basis, values, _ = np.linalg.svd(columns / np.maximum(length, 1e-300), full_matrices=False)
+    basis = basis[:, values > _RANK * values[0]]
+    rest = (flat - basis @ (basis.T @ flat)).reshape(2, n).T
+    explained = np.moveaxis(basis.reshape(2, n, -1), 0, 1)
+    law = np.concatenate([np.zeros((3, free.shape[1])), np.diag(1 / size)], axis=1)
+    at = free.shape[1] - 1
+    noise = np.sqrt(np.sum(rest**2) / (2 * n - basis.shape[1])) + _LEAST_VELOCITY
+    for last in (False, True):  # the noise where the fit itself looks
+        every = np.concatenate([columns / noise, law])
+        length = np.linalg.norm(every, axis=0)
+        solve = np.linalg.pinv(every / length, rcond=1e-13) / length[:, None]
+        if not last:
+            g = solve[at, : 2 * n].reshape(2, n).T
+            weights, of_white = kernel(g), np.sum(g**2)
+            found = np.sum(weights * autocorrelation(rest)[: len(weights)])
+            taken = np.sum(weights[..., None] * autocorrelation(explained)[: len(weights)])
+            noise = np.sqrt(STUDENT * found / (of_white - taken)) + _LEAST_VELOCITY
+    missing = solve @ np.concatenate([flat / noise, -bias / size])
+    return missing[[0, 1, at]], missing[at + 1 :], float(np.linalg.norm(solve[at]))
+
+
 def _centred(series: np.ndarray) -> np.ndarray:
     return np.asarray(series - series.mean(axis=1, keepdims=True))
 
@@ -90,12 +195,16 @@ _AS_IT_IS = _Form(_unchanged, lambda weights, n: weights)
 _DIFFERENCES = _Form(_differences, _undifferenced)
 
 
-def _align(name: str, windows: Windows, form: _Form) -> Estimate:
+def _check(name: str, windows: Windows) -> None:
     check(name, windows)
     samples = windows.gyro.shape[1]
     if samples < _LEAST_SAMPLES:
         about = f"samples a window; it takes {_LEAST_SAMPLES} or more, fast enough to see the sway"
         raise refusal(name, samples, "", about)
+
+
+def _align(name: str, windows: Windows, form: _Form) -> Estimate:
+    _check(name, windows)
     series = _integrate(windows)
     c_ib0 = _davenport(form.of(series.alpha), form.of(series.beta))
     heading = _mean_heading(c_ib0, series, windows)
@@ -197,10 +306,15 @@ def _regressor(beta: np.ndarray, offsets: bool) -> tuple[np.ndarray, np.ndarray]
     """How the horizontal velocity moves with the heading alone, (T, 2): phi_z x beta with what
     tilts, and offsets, could explain projected out; and an orthonormal basis (T, 2, 3 or 5) of all
     that a fit can explain."""
+    basis, triangle = np.linalg.qr(_regressor_columns(beta, offsets))
+    G = basis[:, -1] * triangle[-1, -1]
+    return np.moveaxis(basis.reshape(2, -1, basis.shape[1]), 0, 1), G.reshape(2, -1).T
+
+
+def _regressor_columns(beta: np.ndarray, offsets: bool) -> np.ndarray:
+    """How horizontal velocity moves with both tilts, offsets if asked for, and last the heading:
+    (2 T, 3 or 5), forward above right."""
     x, y, z = beta.T
     none, one = np.zeros_like(x), np.ones_like(x)
     others = [(none, -z), (z, none), *([(one, none), (none, one)] if offsets else [])]
-    columns = [np.concatenate(pair) for pair in (*others, (-y, x))]
-    basis, triangle = np.linalg.qr(np.stack(columns, axis=1))
-    G = basis[:, -1] * triangle[-1, -1]
-    return np.moveaxis(basis.reshape(2, -1, basis.shape[1]), 0, 1), G.reshape(2, -1).T
+    return np.stack([np.concatenate(pair) for pair in (*others, (-y, x))], axis=1)
