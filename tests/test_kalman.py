@@ -73,12 +73,12 @@ def test_white_noise_alone():
 
 
 def test_on_a_base_that_sways_its_sigma_is_true():
-    """White velocity, 400 windows: within the 10% asked for and four sampling errors."""
-    velocity = 1e-3 * np.random.default_rng(4).standard_normal((400, 201, 3))
-    w = swaying(400, 10.0, 20.0, 34.0, (2.0, -3.0), velocity)
+    """White velocity, 250 windows: within the 10% asked for and four sampling errors."""
+    velocity = 1e-3 * np.random.default_rng(4).standard_normal((250, 201, 3))
+    w = swaying(250, 10.0, 20.0, 34.0, (2.0, -3.0), velocity)
     imu = replace(SDC500, gyro=IDEAL.gyro, accel=IDEAL.accel)
     found = ekf(w, imu)
-    assert 0.9 - 4 * np.sqrt(2 / 400) < nse(found, w) < 1.1 + 4 * np.sqrt(2 / 400)
+    assert 0.9 - 4 * np.sqrt(2 / 250) < nse(found, w) < 1.1 + 4 * np.sqrt(2 / 250)
     ratio = rmse_deg(wrap(found.heading - w.heading))
     ratio /= rmse_deg(wrap(CLASSICAL["oba"](w).heading - w.heading))
     assert ratio == pytest.approx(1.0, abs=0.05)

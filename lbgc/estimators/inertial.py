@@ -46,6 +46,8 @@ _LEAST_VELOCITY = 1e-9
 _RANK = 1e-9
 _NO_ANSWER = 1.0
 """rad"""
+_UNIFORM = np.pi / np.sqrt(3)
+"""rad, RMS of an angle of which nothing is known"""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,10 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Velocity alignment with a constant bias of each gyro unknown too, as large as the sensor's
     model says; of any size where that is not known. The sway's initial velocity is free.
 
+    Its sigma takes a sway that goes on as it is, and constant biases: where the sensors' own noise
+    is larger than the sway (a bench at rest), or the plate slews, it is too small; `ekf` is for
+    those.
+
     Raises InputError where the sensor is not known and no plate turns enough to tell its bias.
     """
     name = "oba_bias"
@@ -110,7 +116,7 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
         about = "is not known, and the plate does not turn enough to tell a gyro's bias from north"
         raise refusal(name, "imu", "", about)
     series = _integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
-    return Estimate(_mean_heading(c_ib0, series, windows), sigma)
+    return Estimate(_mean_heading(c_ib0, series, windows), np.minimum(sigma, _UNIFORM))
 
 
 def _bias_sizes(windows: Windows, imu: ImuModel | None) -> np.ndarray:
