@@ -56,7 +56,7 @@ ROOMS = {
     "omegaconf": {"lbgc/errors.py"},
     "allantools": {"lbgc/sensor/allan.py"},
     "torch": {"lbgc/learning/model.py", "lbgc/learning/loss.py", "lbgc/learning/estimator.py",
-              "lbgc/train.py"},
+              "lbgc/learning/trainer.py", "lbgc/learning/checkpoint.py"},
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr"), ("sim/generate.py", "mujoco")}
 FILM_MAKING = {("sim/render.py", "matplotlib")}

@@ -146,12 +146,13 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     tilt = tilt_of(angle, accel)
     data = np.concatenate([_turned_level(v, angle, tilt) for v in (gyro, accel)], axis=1)
     lean = np.arccos(np.clip(tilt[:, 2, 2], -1, 1))
+    alike = np.column_stack([windows.start_s, windows.latitude, angle.round(9)])
+    courses, own = np.unique(alike, axis=0, return_inverse=True)
     groups: dict[tuple[Course, float], list[int]] = {}
-    for row, (turns, start, latitude) in enumerate(
-        zip(angle.round(9), windows.start_s, windows.latitude, strict=True)
-    ):
-        own = Course.planned(turns, interval, float(start))
-        groups.setdefault((own, float(latitude)), []).append(row)
+    for number, (start_s, latitude, *turns) in enumerate(courses):
+        course = Course.planned(np.array(turns), interval, float(start_s))
+        rows = np.flatnonzero(own == number)
+        groups.setdefault((course, float(latitude)), []).extend(rows)
     return [
         Levelled(c, Site.at(latitude), np.array(rows), data[rows][:, :, list(c.blocks)], lean[rows])
         for (c, latitude), rows in groups.items()

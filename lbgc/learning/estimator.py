@@ -1,7 +1,9 @@
 """A finished training run as an estimator: the same call as the classical ones."""
 
 import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,47 +14,65 @@ from lbgc.data.windows import Windows, at_rate
 from lbgc.errors import InputError, build, require
 from lbgc.estimators.estimate import Estimate
 from lbgc.frames import wrap
-from lbgc.learning.model import HeadingNet, ModelConfig, features, make
+from lbgc.learning.model import HeadingNet, ModelConfig, make, von_mises_sigma
+from lbgc.learning.residual import inputs
+from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
-FORMAT = 1
+FORMAT = 2
 SHORTEST_WINDOW_S = 10.0
+_BATCH = 4096
+_TELLING = 4
 
 
 class Learned:
-    """A trained network that works at its own means rate; what is faster is averaged down to it."""
+    """A trained network that works at its own means rate; what is faster is averaged down to it.
 
-    def __init__(self, net: HeadingNet, rate_hz: float, sensor: str):
-        self.net, self.rate_hz, self.sensor = net.eval(), rate_hz, sensor
+    compute : features (W, T, C) float32 -> (heading less the base's, sigma), both (W,), rad.
+    trained_on : the sensor that its base weighs by.
+    """
+
+    def __init__(
+        self,
+        config: ModelConfig,
+        compute: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+        rate_hz: float,
+        sensor: str,
+        trained_on: ImuModel | None = None,
+    ):
+        self.config, self.rate_hz, self.sensor = config, rate_hz, sensor
+        self._compute, self._trained_on = compute, trained_on
 
     @classmethod
     def load(cls, run: str | Path) -> "Learned":
         """From a run's directory. Raises InputError where there is no whole model."""
-        directory = Path(run)
-        description = directory / DESCRIPTION
-        what = "is no finished training run; `python lbgc/train.py data=PATH` prints one's path"
-        require(description.is_file(), "run", run, what)
-        try:
-            said = json.loads(description.read_text())
-            require(said["format"] == FORMAT, "run", run, f"is of format {said['format']}")
-            net = make(build(ModelConfig, said["model"]), seed=0)
-            net.load_state_dict(load_file(directory / WEIGHTS))
-            return cls(net, float(said["rate_hz"]), str(said["sensor"]))
-        except (OSError, SafetensorError, RuntimeError, ValueError, KeyError, TypeError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError("run", run, "", f"holds a damaged model ({error})") from error
+        net, said = load_net(run)
+        config = net.config
+        return cls.described(config, lambda x: _torch(net, x), said)
+
+    @classmethod
+    def described(
+        cls,
+        config: ModelConfig,
+        compute: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+        said: Mapping[str, Any],
+    ) -> "Learned":
+        """said : a run's description."""
+        sensor = build(ImuConfig, said["units"]["imu"])
+        imu = sensor.model(float(said["imu_rate_hz"]))
+        return cls(config, compute, float(said["rate_hz"]), str(said["sensor"]), imu)
 
     @property
     def name(self) -> str:
-        return self.net.config.name
+        return self.config.name
 
     def __call__(self, windows: Windows, imu: ImuModel | None = None) -> Estimate:
-        """The network's heading; it states no sigma.
+        """The network's heading, and the sigma that a probabilistic one states (else NaN).
 
+        Each answer is a function of its own window alone, and of nothing told about the sensor.
         Raises InputError where the windows' rate is no whole multiple of the model's, where they
-        are too short, or where a value is not finite.
+        are too short, or where a value is not finite or a sensor's axis does not change at all.
         """
         if windows.duration_s < SHORTEST_WINDOW_S - 1e-9:
             raise InputError(
@@ -61,8 +81,53 @@ class Learned:
                 "s",
                 f"is shorter than the {SHORTEST_WINDOW_S:g} s that models are trained for",
             )
-        x = features(self.net.config, at_rate(windows, self.rate_hz))
-        with torch.inference_mode():
-            heading = self.net.heading_deg(self.net(torch.from_numpy(x)))
-        answer = wrap(np.deg2rad(heading.double().numpy()))
-        return Estimate(answer, np.full(len(windows), np.nan))
+        means = at_rate(windows, self.rate_hz)
+        x, base = inputs(self.config, means, self._trained_on)
+        self._check_alive(windows)
+        heading, sigma = np.empty(len(windows)), np.empty(len(windows))
+        for first in range(0, len(windows), _BATCH):
+            part = slice(first, first + _BATCH)
+            heading[part], sigma[part] = self._compute(x[part])
+        return Estimate(wrap(base + heading), sigma)
+
+    def _check_alive(self, windows: Windows) -> None:
+        """Raise InputError where a sensor that the network sees gives one and the same number: at
+        four samples or more, for two or three may agree by chance, or nought."""
+        seen = ("gyro", "accel") if self.config.base is not None else self.config.channels
+        for name in ("gyro", "accel"):
+            values = getattr(windows, name)
+            constant = np.ptp(values, axis=1) == 0.0  # (W, 3)
+            if values.shape[1] < _TELLING:
+                constant &= values[:, 0] == 0.0
+            if name in seen and constant.any():
+                row, axis = np.argwhere(constant)[0]
+                value = values[row, 0, axis] + 0.0  # without the sign of nought
+                what = f"at every sample of window {row}: a stuck sensor, not a measurement"
+                raise InputError(f"{name}'s {'xyz'[axis]} axis", f"{value:g}", "", what)
+
+
+def load_net(run: str | Path) -> tuple[HeadingNet, dict[str, Any]]:
+    """A run's network and description. Raises InputError where there is no whole model."""
+    directory = Path(run)
+    description = directory / DESCRIPTION
+    what = "is no finished training run; `python lbgc/train.py data=PATH` prints one's path"
+    require(description.is_file(), "run", run, what)
+    try:
+        said = json.loads(description.read_text())
+        require(said["format"] == FORMAT, "run", run, f"is of format {said['format']}")
+        net = make(build(ModelConfig, said["model"]), seed=0)
+        net.load_state_dict(load_file(directory / WEIGHTS))
+        return net.eval(), said
+    except (OSError, SafetensorError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("run", run, "", f"holds a damaged model ({error})") from error
+
+
+@torch.inference_mode()
+def _torch(net: HeadingNet, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    raw = net(torch.from_numpy(x))
+    heading = np.deg2rad(net.heading_deg(raw).double().numpy())
+    if net.config.output != "vonmises":
+        return heading, np.full(len(x), np.nan)
+    return heading, von_mises_sigma(net.log_kappa(raw).double()).numpy()

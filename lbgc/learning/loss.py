@@ -1,5 +1,7 @@
 """What training makes small."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -24,3 +26,16 @@ def vector_mse(truth_deg: Tensor, sincos: Tensor) -> Tensor:
     truth = torch.deg2rad(truth_deg)
     target = torch.stack([torch.sin(truth), torch.cos(truth)], dim=-1)
     return (sincos - target).square().sum(dim=-1).mean()
+
+
+def von_mises_nll(truth_deg: Tensor, estimate_deg: Tensor, log_kappa: Tensor) -> Tensor:
+    """Mean negative logarithm of the von Mises density exp(kappa cos e)/(2 pi I0(kappa)), in nats.
+
+    In double precision, with I0 scaled by exp(-kappa) and 1 - cos e as 2 sin^2(e/2): neither
+    overflows nor cancels, down to errors of an arcsecond.
+    """
+    error = torch.deg2rad(cyclic_error_deg(truth_deg, estimate_deg)).double()
+    kappa = torch.exp(log_kappa.double())
+    away = 2 * torch.sin(error / 2) ** 2
+    normaliser = math.log(2 * math.pi) + torch.log(torch.special.i0e(kappa))
+    return (normaliser + kappa * away).mean()

@@ -1,5 +1,7 @@
-"""The paper's network: an LSTM over time in both directions, a linear layer for each, summed."""
+"""The networks: the paper's (an LSTM over time in both directions), its variants, and a pooling one
+for corrections to a classical estimate."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,10 +11,20 @@ from torch import Tensor, nn
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError, require, require_choice, require_positive
+from lbgc.estimators import CLASSICAL
 from lbgc.units import STANDARD_GRAVITY
 
 CHANNELS = {"gyro": 3, "accel": 3, "plate": 2}
 """What a model may see, and how many features it makes: the plate's angle as cosine and sine."""
+RESIDUAL_CHANNELS = {"gyro": 5, "accel": 5, "plate": 2}
+"""The same of a window turned by its own classical estimate; see lbgc.learning.residual."""
+CONSTANTS = 3
+"""More features of such a window: sine and cosine of the estimate, and the window's length."""
+OUTPUTS = {"sincos": 2, "degrees": 1, "vonmises": 3}
+RECURRENT = {"lstm": nn.LSTM, "gru": nn.GRU, "rnn": nn.RNN}
+MOMENTS = 4
+_LOG_KAPPA = (-10.0, 25.0)
+_NODES = 256
 
 
 @dataclass(frozen=True)
@@ -21,31 +33,44 @@ class ModelConfig:
 
     name: str = "bilstm_24"
     """How tables call it."""
+    cell: str = "lstm"
+    """lstm, gru, rnn: recurrent, in both directions. pool: moments over the window's time, then
+    layers without memory; fast, and enough for errors that are nearly Gaussian."""
     layers: int = 2
-    """Of the LSTM."""
+    """Of the cell."""
     hidden: int = 24
-    """Its state's size, a direction."""
+    """Their size, a direction."""
     output: str = "sincos"
-    """sincos: sine and cosine of the heading. degrees: the heading, unbounded, as published."""
+    """sincos: sine and cosine of the heading. degrees: the heading, unbounded, as published.
+    vonmises: heading and concentration, trained by likelihood, so that it states a sigma."""
     channels: list[str] = field(default_factory=lambda: ["gyro", "accel", "plate"])
     """What it sees; the published network sees the gyro only."""
+    base: str | None = None
+    """A classical estimator that turns each window by its estimate, to which the network learns a
+    correction; null: the network has the window as it is."""
 
     def __post_init__(self) -> None:
         require_positive("layers", self.layers)
         require_positive("hidden", self.hidden)
-        require_choice("output", self.output, ("sincos", "degrees"))
+        require_choice("cell", self.cell, (*RECURRENT, "pool"))
+        require_choice("output", self.output, list(OUTPUTS))
         for channel in self.channels:
             require_choice("channels", channel, list(CHANNELS))
         unique = len(set(self.channels)) == len(self.channels) > 0
         require(unique, "channels", self.channels, "must name each channel once, at least one")
+        if self.base is not None:
+            require_choice("base", self.base, list(CLASSICAL))
 
     @property
     def features(self) -> int:
-        return sum(CHANNELS[c] for c in self.channels)
+        if self.base is None:
+            return sum(CHANNELS[c] for c in self.channels)
+        return sum(RESIDUAL_CHANNELS[c] for c in self.channels) + CONSTANTS
 
 
 def features(config: ModelConfig, windows: Windows) -> np.ndarray:
-    """The network's input, float32 (W, T, C): normalised by physics (Earth's rate, g), not by data.
+    """The input of a network without a base, float32 (W, T, C): normalised by physics (Earth's
+    rate, g), not by data.
 
     Raises InputError where a value is not finite.
     """
@@ -61,28 +86,118 @@ def features(config: ModelConfig, windows: Windows) -> np.ndarray:
 
 
 class HeadingNet(nn.Module):
-    """Many to one: windows of any length T to a heading."""
+    """Many to one: windows of any length T to a heading, or to a correction of the base's.
+
+    A correction is a point (1 + scale c, scale s) of the plane, whose direction is taken: if all
+    that is wrong is a body-frame bias, known and without noise, then c and s are linear in the
+    features, which the layer `skip` finds at once.
+    """
+
+    scale: Tensor
+    gain: Tensor
 
     def __init__(self, config: ModelConfig):
         super().__init__()
         self.config = config
-        self.lstm = nn.LSTM(
-            config.features, config.hidden, config.layers, batch_first=True, bidirectional=True
-        )
-        outputs = 2 if config.output == "sincos" else 1
-        self.forward_head = nn.Linear(config.hidden, outputs)
-        self.backward_head = nn.Linear(config.hidden, outputs)
+        outputs = OUTPUTS[config.output]
+        if config.cell == "pool":
+            self.pool = _Pool(config, outputs)
+        else:
+            self.recurrent = RECURRENT[config.cell](
+                config.features, config.hidden, config.layers, batch_first=True, bidirectional=True
+            )
+            self.forward_head = nn.Linear(config.hidden, outputs)
+            self.backward_head = nn.Linear(config.hidden, outputs)
+        if config.base is not None:
+            self.skip = nn.Linear(MOMENTS * config.features, outputs)
+            self.register_buffer("scale", torch.tensor(1.0))
+            scaled = [c in ("gyro", "accel") for c in config.channels
+                      for _ in range(RESIDUAL_CHANNELS[c])]  # fmt: skip
+            self.register_buffer(
+                "gain", torch.tensor([*scaled, *[False] * CONSTANTS]), persistent=False
+            )
+            for layer in self._last_layers():
+                nn.init.zeros_(layer.weight)
+                nn.init.zeros_(layer.bias)
+
+    def _last_layers(self) -> list[nn.Linear]:
+        """Zero at first, so that training starts from the base itself."""
+        if self.config.cell == "pool":
+            return [self.skip, self.pool.out]
+        return [self.skip, self.forward_head, self.backward_head]
 
     def forward(self, x: Tensor) -> Tensor:
-        """x : (W, T, C). Returns the raw output, (W, 2) sine and cosine or (W, 1) degrees."""
-        _, (h, _) = self.lstm(x)  # (2 layers, W, H): the last layer's two ends are the last two
-        return self.forward_head(h[-2]) + self.backward_head(h[-1])  # (W, 2) or (W, 1)
+        """x : (W, T, C). Returns the raw output: (W, 2) sine and cosine, (W, 1) degrees, or
+        (W, 3) sine, cosine and logarithm of the concentration."""
+        if self.config.base is not None:
+            x = torch.where(self.gain, x / self.scale, x)  # (W, T, C): errors of about 1
+        if self.config.cell == "pool":
+            raw = self.pool(x)  # (W, outputs)
+        else:
+            h = self._ends(x)  # (2 layers, W, H): the last layer's two ends are the last two
+            raw = self.forward_head(h[-2]) + self.backward_head(h[-1])  # (W, outputs)
+        return raw if self.config.base is None else self._corrected(raw + self.skip(moments(x)))
+
+    def _ends(self, x: Tensor) -> Tensor:
+        _, state = self.recurrent(x)
+        return state[0] if self.config.cell == "lstm" else state
+
+    def _corrected(self, raw: Tensor) -> Tensor:
+        """From units of the scale to those of every network: (W, outputs)."""
+        if self.config.output == "degrees":
+            return raw * torch.rad2deg(self.scale)
+        direction = raw[:, :2] * self.scale + torch.tensor([0.0, 1.0], device=raw.device)
+        return torch.cat([direction, raw[:, 2:] - 2 * torch.log(self.scale)], dim=1)
 
     def heading_deg(self, raw: Tensor) -> Tensor:
-        """The heading that a raw output means, (W,), degrees."""
+        """The heading (less the base's) that a raw output means, (W,), degrees."""
         if self.config.output == "degrees":
             return raw[:, 0]
         return torch.rad2deg(torch.atan2(raw[:, 0], raw[:, 1]))
+
+    def log_kappa(self, raw: Tensor) -> Tensor:
+        """Logarithm of the von Mises concentration that a raw output means, (W,)."""
+        return raw[:, 2].clamp(*_LOG_KAPPA)
+
+
+class _Pool(nn.Module):
+    """Moments over time and means of squashed features, through layers without memory."""
+
+    def __init__(self, config: ModelConfig, outputs: int):
+        super().__init__()
+        size = config.hidden
+        self.encode = nn.Linear(config.features, size)
+        inside = [nn.Linear(MOMENTS * config.features + size, size)]
+        inside += [nn.Linear(size, size) for _ in range(config.layers - 1)]
+        self.inside = nn.ModuleList(inside)
+        self.out = nn.Linear(size, outputs)
+
+    def forward(self, x: Tensor) -> Tensor:
+        squashed = torch.tanh(self.encode(x)).mean(dim=1)  # (W, H): a knock counts no more than so
+        h = torch.cat([moments(x), squashed], dim=1)  # (W, 4 C + H)
+        for layer in self.inside:
+            h = torch.tanh(layer(h))  # (W, H)
+        return self.out(h)  # (W, outputs)
+
+
+def moments(x: Tensor) -> Tensor:
+    """Means over time of x (W, T, C) times the first Legendre polynomials of it, (W, 4 C): what
+    weights that vary slowly along a window make of it."""
+    count = x.shape[1]
+    t = (2 * torch.arange(count, device=x.device, dtype=x.dtype) + 1) / count - 1  # (T,)
+    weights = torch.stack([t * 0 + 1, t, (3 * t**2 - 1) / 2, (5 * t**3 - 3 * t) / 2])  # (4, T)
+    return torch.matmul(weights / count, x).flatten(1)  # (W, 4, C) -> (W, 4 C)
+
+
+def von_mises_sigma(log_kappa: Tensor) -> Tensor:
+    """RMS angle from its middle, rad, of a von Mises density, (W,): 1/sqrt(kappa) where it is
+    narrow, pi/sqrt(3) where it is flat. By quadrature over all of it, or twelve of its widths."""
+    kappa = torch.exp(log_kappa)[:, None]
+    reach = torch.clamp(12 / torch.sqrt(kappa), max=math.pi)
+    nodes = (torch.arange(_NODES, device=kappa.device, dtype=kappa.dtype) + 0.5) / _NODES
+    angle = reach * nodes  # (W, nodes)
+    density = torch.exp(-2 * kappa * torch.sin(angle / 2) ** 2)
+    return torch.sqrt((density * angle**2).sum(dim=1) / density.sum(dim=1))
 
 
 def make(config: ModelConfig, seed: int) -> HeadingNet:

@@ -37,7 +37,7 @@ def loss_curve(history: Sequence[Mapping[str, float]]) -> Figure:
         shade = 0.25 + 0.65 * i / max(len(names) - 1, 1)
         label = name.removeprefix("validation_").removesuffix("_deg")
         axes.plot(steps, [r[name] for r in history], color=(0.1, 0.3, 0.55, shade), label=label)
-    best = min(history, key=lambda row: row["all"])
+    best = min(history, key=lambda row: row["score"])
     axes.axvline(best["step"], color="#d1691f", linewidth=1, label="kept")
     axes.set_yscale("log")
     _plain_y_ticks(axes)

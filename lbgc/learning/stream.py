@@ -1,0 +1,147 @@
+"""Training recordings drawn afresh at every step, by the sensor model that made the dataset.
+
+The dataset gives the bench (each stored recording's plate course, attitude, latitude, and what its
+unit and session fixed of the sensors' errors); heading, run bias and every in-run term are new.
+Recordings are drawn from their start and cut afterwards, since noise that wanders has come further
+in a window that begins later.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lbgc.data.store import Dataset
+from lbgc.data.windows import Windows
+from lbgc.earth import earth_rate_ned, normal_gravity
+from lbgc.errors import InputError, build
+from lbgc.frames import euler_to_matrix
+from lbgc.learning.batches import crop
+from lbgc.sensor.batch import Lasting, measure_means
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import ImuModel
+
+_MOVING = {
+    "sway_level": "sways",
+    "vibration_level": "vibrates",
+    "knock_rate": "is knocked",
+    "floor_tilt_rate": "leans over time",
+    "moored_roll": "floats",
+    "moored_pitch": "floats",
+    "moored_heave": "floats",
+}
+
+
+@dataclass(frozen=True)
+class Streamed:
+    """Rows of everything that a recording begins with, at the model's rate."""
+
+    recordings: Windows
+    """The stored ones, of which the plate's course and the labels are used."""
+    attitude: np.ndarray
+    """(R, 2), rad, roll and pitch"""
+    gyro: Lasting
+    accel: Lasting
+    imu: ImuModel
+    arm_m: float
+    """From the plate's axis to the IMU, which looks away from it."""
+    height_m: float
+
+    @classmethod
+    def of(cls, dataset: Dataset, rows: np.ndarray, recordings: Windows) -> "Streamed":
+        """recordings : the dataset's at `rows`. Raises InputError where the dataset's bench moves,
+        or where block means cannot represent its counts."""
+        configuration = dataset.configuration
+        _check_still(dataset, configuration)
+        imu = build(ImuConfig, configuration["imu"]).model(float(configuration["rate_hz"]))
+        turning = float(np.abs(np.diff(recordings.plate_angle, axis=1)).max(initial=0.0))
+        fastest = turning * recordings.rate_hz + 1e-4
+        height = float(configuration["height_m"])
+        gravity = normal_gravity(float(recordings.latitude[0]), height)
+        imu.gyro.check_means("imu.gyro", imu.dt, fastest)
+        imu.accel.check_means("imu.accel", imu.dt, gravity)
+        angles = [dataset.label(name)[rows] for name in ("roll", "pitch")]
+        return cls(
+            recordings,
+            np.stack(angles, axis=-1),
+            _lasting(dataset, "gyro", rows),
+            _lasting(dataset, "accel", rows),
+            imu,
+            float(configuration["scene"]["arm_m"]),
+            height,
+        )
+
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
+        rows = rng.integers(len(self.recordings), size=count)
+        n = self.recordings.gyro.shape[1]
+        starts = rng.integers(n - steps + 1, size=count)
+        heading = rng.uniform(-np.pi, np.pi, count)
+        block = round(1 / (self.recordings.rate_hz * self.imu.dt))
+        rate, force = self._truth(rows, heading)
+        common = (self.imu.dt, block)
+        gyro = measure_means(self.imu.gyro, rng, rate, self.gyro.rows(rows), *common,
+                             force, self.imu.warming)  # fmt: skip
+        accel = measure_means(self.imu.accel, rng, force, self.accel.rows(rows), *common,
+                              None, self.imu.warming)  # fmt: skip
+        stored = self.recordings
+        off = stored.heading_reference[rows] - stored.heading[rows]
+        drawn = replace(
+            stored,
+            gyro=gyro,
+            accel=accel,
+            plate_angle=stored.plate_angle[rows],
+            latitude=stored.latitude[rows],
+            heading=heading,
+            heading_reference=heading + off,
+        )
+        return crop(drawn, np.arange(count), starts, steps)
+
+    def _truth(self, rows: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, n, 3), on a plate
+        that rests or turns evenly within a block."""
+        stored = self.recordings
+        late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
+        reading = stored.plate_angle[rows]
+        travel = np.gradient(reading, axis=1) if reading.shape[1] > 1 else 0 * reading
+        angle, turning = reading - late * travel, travel * stored.rate_hz
+        short = np.sinc(travel / (2 * np.pi))
+        roll, pitch = self.attitude[rows].T
+        base = euler_to_matrix(roll, pitch, heading)
+        earth = np.einsum("wij,wi->wj", base, earth_rate_ned(stored.latitude[rows]))
+        gravity = np.array(
+            [normal_gravity(float(x), self.height_m) for x in np.unique(stored.latitude)]
+        )
+        down = gravity[np.searchsorted(np.unique(stored.latitude), stored.latitude[rows])]
+        rate, force = (_on_plate(v, angle, short) for v in (earth, -down[:, None] * base[:, 2]))
+        rate[..., 2] += turning
+        force[..., 0] -= self.arm_m * turning**2  # towards the axis, behind the IMU
+        return rate, force
+
+
+def _on_plate(vector: np.ndarray, angle: np.ndarray, short: np.ndarray) -> np.ndarray:
+    """A vector of the plate's base, (W, 3), in the axes of the plate turned by angle: (W, n, 3)."""
+    c, s = np.cos(angle) * short, np.sin(angle) * short
+    x, y, z = (vector[:, i, None] for i in range(3))
+    return np.stack([c * x + s * y, c * y - s * x, z + 0 * c], axis=-1)
+
+
+def _lasting(dataset: Dataset, triad: str, rows: np.ndarray) -> Lasting:
+    def of(name: str) -> np.ndarray:
+        return dataset.label(f"{triad}_{name}")[rows]
+
+    bias = of("bias_unit") + of("bias_session")
+    return Lasting(bias, *(of(n) for n in ("matrix", "g_sensitivity", "bias_per_k", "scale_per_k")))
+
+
+def _check_still(dataset: Dataset, configuration: Mapping[str, Any]) -> None:
+    for name, does in _MOVING.items():
+        if np.abs(dataset.label(name)).max(initial=0.0) > 0:
+            raise InputError(
+                "stream", True, "", f"draws a bench that stands still, and this dataset's {does} "
+                f"({name}); train on what is stored (stream=false)"
+            )  # fmt: skip
+    scene = configuration["scene"]
+    for name in ("axis_tilt_deg", "axis_wobble_arcsec"):
+        if scene[name] != 0:
+            raise InputError(f"scene.{name}", scene[name], "", "is more than stream=true can draw")

@@ -1,0 +1,204 @@
+"""The training loop: a window length, a batch and a step at a time; early stopping; resuming."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from lbgc.data.windows import Windows
+from lbgc.frames import wrap
+from lbgc.learning import checkpoint, loss
+from lbgc.learning.batches import Source, every
+from lbgc.learning.model import HeadingNet, ModelConfig, make
+from lbgc.learning.residual import inputs
+from lbgc.sensor import streams
+from lbgc.sensor.imu import ImuModel
+
+SCHEDULES = ("onecycle", "cosine")
+_SCALES = (1e-5, 0.5)
+_MOST_FOR_SCALE = 1000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How to train."""
+
+    model: ModelConfig
+    windows_steps: dict[float, int]
+    """Lengths of the windows: s -> samples."""
+    steps: int
+    batch: int
+    learning_rate: float
+    schedule: str
+    clip: float
+    validate_every: int
+    patience: int | None
+    """Looks at the validation split without a better one, after which training ends."""
+    checkpoint_every: int
+    seed: int
+
+
+class Trainer:
+    """One network's training. What it has learned so far is in `net`, `best` and `history`."""
+
+    def __init__(
+        self, plan: Plan, source: Source, stored: Windows, validation: Windows, imu: ImuModel
+    ):
+        """source : of training windows; stored, validation : whole recordings of the two splits."""
+        self.plan, self.source, self.imu = plan, source, imu
+        self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self.net = make(plan.model, plan.seed)
+        if plan.model.base is not None:
+            self.net.scale.fill_(self._scale(stored))
+        self.net.to(self.device)
+        self.optimiser = torch.optim.Adam(self.net.parameters(), lr=plan.learning_rate)
+        self.schedule = _schedule(plan, self.optimiser)
+        self.validation = [
+            (window, *self._tensors(every(validation, steps)))
+            for window, steps in plan.windows_steps.items()
+        ]
+        self.step = 0
+        self.smoothed: float | None = None
+        self.history: list[dict[str, float]] = []
+        self.best: dict[str, Tensor] = copy.deepcopy(self.net.state_dict())
+
+    def run(self, file: Path, on_look: Callable[[list[dict[str, float]]], None]) -> None:
+        """Train to the end, from the checkpoint if there is one at `file`.
+
+        on_look : is given the history after each look at the validation split.
+        """
+        if file.exists():
+            self._restore(file)
+        with tqdm(total=self.plan.steps, initial=self.step, desc="training", unit="step") as bar:
+            while not self._finished():
+                self.step += 1
+                value = self._train()
+                before = value if self.smoothed is None else self.smoothed
+                self.smoothed = 0.98 * before + 0.02 * value
+                if self.step % self.plan.validate_every == 0 or self.step == self.plan.steps:
+                    bar.set_postfix_str(self._look())
+                    on_look(self.history)
+                if self.step % self.plan.checkpoint_every == 0:
+                    self._keep(file)
+                bar.update()
+
+    def _finished(self) -> bool:
+        if self.step >= self.plan.steps:
+            return True
+        if self.plan.patience is None or not self.history:
+            return False
+        since = len(self.history) - 1 - self._best_look()
+        return since >= self.plan.patience
+
+    def _best_look(self) -> int:
+        return int(np.argmin([row["score"] for row in self.history]))
+
+    def _look(self) -> str:
+        """Validate, keep the weights if they are the best so far, and say how it stands."""
+        row = self._validate()
+        self.history.append({"step": self.step, "train_loss": self.smoothed or 0.0, **row})
+        if self._best_look() == len(self.history) - 1:
+            self.best = copy.deepcopy(self.net.state_dict())
+        best = self.history[self._best_look()]["all"]
+        return f"validation {row['all']:.3g} deg, best {best:.3g}"
+
+    def _train(self) -> float:
+        rng = streams.training(self.plan.seed, self.step)
+        length = self.plan.windows_steps[float(rng.choice(list(self.plan.windows_steps)))]
+        x, truth_deg = self._tensors(self.source.draw(rng, self.plan.batch, length))
+        self.net.train()
+        value = _loss(self.net, self.net(x), truth_deg)
+        self.optimiser.zero_grad()
+        value.backward()
+        nn.utils.clip_grad_norm_(self.net.parameters(), self.plan.clip)
+        self.optimiser.step()
+        self.schedule.step()
+        return float(value.detach())
+
+    def _tensors(self, windows: Windows) -> tuple[Tensor, Tensor]:
+        """Input and target: the reference, all that training may know, less the base's heading."""
+        x, base = inputs(self.plan.model, windows, self.imu)
+        off = windows.heading_reference - base
+        if self.plan.model.base is not None:
+            off = wrap(off)
+        truth = torch.from_numpy(np.rad2deg(off).astype(np.float32))
+        return torch.from_numpy(x).to(self.device), truth.to(self.device)
+
+    def _scale(self, stored: Windows) -> float:
+        """RMS error of the base, rad, on the longest windows of the training split."""
+        windows = every(stored, max(self.plan.windows_steps.values()))
+        pick = np.arange(len(windows))[:_MOST_FOR_SCALE]
+        _, base = inputs(self.plan.model, rows_of(windows, pick), self.imu)
+        error = wrap(base - windows.heading_reference[pick])
+        return float(np.clip(np.sqrt(np.mean(error**2)), *_SCALES))
+
+    @torch.inference_mode()
+    def _validate(self) -> dict[str, float]:
+        """For each window length RMSE in degrees against the reference; over all of them; and the
+        score that decides which weights are kept: that, or the mean loss where it is a likelihood.
+        """
+        self.net.eval()
+        errors, losses = {}, []
+        for window, x, truth in self.validation:
+            raw = self.net(x)
+            off = loss.cyclic_mse(truth, self.net.heading_deg(raw))
+            errors[f"validation_{window:g}s_deg"] = float(off.sqrt())
+            losses.append(float(_loss(self.net, raw, truth)))
+        all_of = float(np.sqrt(np.mean(np.square(list(errors.values())))))
+        likely = self.plan.model.output == "vonmises"
+        return {**errors, "all": all_of, "score": float(np.mean(losses)) if likely else all_of}
+
+    def _keep(self, file: Path) -> None:
+        counters = {
+            "step": self.step,
+            "smoothed": self.smoothed,
+            "history": self.history,
+            "schedule": self.schedule.state_dict(),
+            "groups": self.optimiser.state_dict()["param_groups"],
+        }
+        moments = {
+            f"{number}.{name}": value
+            for number, state in self.optimiser.state_dict()["state"].items()
+            for name, value in state.items()
+        }
+        tensors = {"net": self.net.state_dict(), "best": self.best, "optimiser": moments}
+        checkpoint.write(file, tensors, counters)
+
+    def _restore(self, file: Path) -> None:
+        tensors, said = checkpoint.read(file)
+        self.net.load_state_dict(tensors["net"])
+        self.best = {name: value.to(self.device) for name, value in tensors["best"].items()}
+        state: dict[int, dict[str, Tensor]] = {}
+        for key, value in tensors["optimiser"].items():
+            number, name = key.split(".", 1)
+            state.setdefault(int(number), {})[name] = value
+        self.optimiser.load_state_dict({"state": state, "param_groups": said["groups"]})
+        self.schedule.load_state_dict(said["schedule"])
+        self.step, self.smoothed, self.history = said["step"], said["smoothed"], said["history"]
+
+
+def rows_of(windows: Windows, pick: np.ndarray) -> Windows:
+    """Some of the windows."""
+    return Windows(*(v[pick] if isinstance(v, np.ndarray) else v for v in vars(windows).values()))
+
+
+def _schedule(plan: Plan, optimiser: torch.optim.Optimizer) -> torch.optim.lr_scheduler.LRScheduler:
+    if plan.schedule == "cosine":
+        return torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, plan.steps)
+    return torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, plan.learning_rate, total_steps=plan.steps, pct_start=0.1
+    )
+
+
+def _loss(net: HeadingNet, raw: Tensor, truth_deg: Tensor) -> Tensor:
+    heading = net.heading_deg(raw)
+    if net.config.output == "vonmises":
+        return loss.von_mises_nll(truth_deg, heading, net.log_kappa(raw))
+    if net.config.output == "sincos":
+        return loss.vector_mse(truth_deg, raw)
+    return loss.cyclic_mse(truth_deg, heading)
