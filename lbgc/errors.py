@@ -139,7 +139,9 @@ def _spelled(annotation: Any) -> str:
     return words.get(annotation, "a group of parameters")
 
 
-def run_main(main: Callable[[Any], Path | None], config_class: type, config_name: str) -> None:
+def run_main(
+    main: Callable[[Any], Path | str | None], config_class: type, config_name: str
+) -> None:
     """Run an entry point under Hydra: `main(config)`, its returned path printed last.
 
     Exit codes: 0 done, 2 the input was wrong (one clear message, no traceback), 130 interrupted.

@@ -169,7 +169,7 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
     if config.imu is not None:
         notes.append(f"estimators are told of {config.imu.name}; the data are of {own.name}")
     subject = Subject(
-        f"{dataset.path}, {config.split} split",
+        f"{dataset.place}, {config.split} split",
         config.against,
         notes,
         sample,

@@ -3,10 +3,10 @@
 python sim/generate.py latitude=32.76
 """
 
-import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from math import gcd
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 import lbgc
 from lbgc.data import store
+from lbgc.data.place import Place
 from lbgc.data.record import whole_multiple
 from lbgc.data.schema import SCHEMA
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
@@ -28,7 +29,8 @@ from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import Disturbance, Timing, Triad, TriadErrors
 from lbgc.sensor.streams import Purpose
-from sim import motion
+from sim import cluster, motion
+from sim.cluster import ClusterConfig
 from sim.motion import Draw, Truth
 from sim.physics import check_servo
 from sim.poses import Bench
@@ -67,7 +69,9 @@ class GenerateConfig:
     mean_s: float = 5.0
     """Length of the blocks for output=means."""
     out: str | None = None
-    """The dataset's path; null: outputs/generate/<configuration hash>/dataset.zarr."""
+    """The dataset's path, or an fsspec URL; null: outputs/generate/<hash>/dataset.zarr."""
+    cluster: ClusterConfig = field(default_factory=ClusterConfig)
+    """Who does the work. It decides nothing of the dataset."""
     imu: ImuConfig = field(default_factory=ImuConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
@@ -142,9 +146,9 @@ class GenerateConfig:
         return Bench(self.scene, self.rate_hz, self.samples)
 
     def content(self) -> dict:
-        """What decides the dataset's content: everything but where it goes."""
+        """What decides the dataset's content: everything but where it goes and who makes it."""
         content = asdict(self)
-        del content["out"]
+        del content["out"], content["cluster"]
         return content
 
 
@@ -156,6 +160,11 @@ class _Sensor:
     accel: Triad
     timing: Timing
     config: GenerateConfig
+
+    @classmethod
+    def of(cls, config: GenerateConfig) -> "_Sensor":
+        imu = config.imu
+        return cls(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
 
     def measure(
         self,
@@ -175,10 +184,9 @@ class _Sensor:
         return triad.measure(rng, truth, errors, n, dt, disturbance)
 
 
-def main(config: GenerateConfig) -> Path:
-    """Generate the dataset (or what is missing of it) and return its path."""
-    imu = config.imu
-    sensor = _Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
+def main(config: GenerateConfig) -> Path | str:
+    """Generate the dataset (or what is missing or damaged of it) and return where it is."""
+    sensor = _Sensor.of(config)
     latitude = float(np.deg2rad(config.latitude))
     planned = plan(config.protocol, 0, config.duration_s)
     check_servo(config.scene, planned)
@@ -194,30 +202,57 @@ def main(config: GenerateConfig) -> Path:
             "how the plate stands, and evaluation will refuse them",
             file=sys.stderr,
         )
-    dataset = store.create(_path(config), _layout(config, sensor), config.content(), _recipe())
-    missing = dataset.missing_shards()
-    total = sum(len(dataset.layout.rows(shard)) for shard in missing)
-    with tqdm(total=total, unit="rec", desc="generating", disable=not missing) as bar:
-        for shard in missing:
-            rows = []
-            for row in _recordings(config, sensor, dataset.layout.rows(shard)):
-                rows.append(row)
-                bar.update()
-            dataset.write_shard(shard, {n: np.stack([r[n] for r in rows]) for n in rows[0]})
-    _illustrate(dataset.path, config.scene)
+    place = Place(_out(config))
+    with place.alone():
+        _generate(config, place, sensor)
+    if place.local is None:
+        return str(place)
+    picture = place.local.with_suffix(".png")
+    why_not = None if picture.exists() else try_picture(picture, config.scene)
+    if why_not is not None:
+        print(f"no picture of the scene: {why_not}", file=sys.stderr)
     if config.out is None:
-        mark_latest(dataset.path.parent)
-    return dataset.path
+        mark_latest(place.local.parent)
+    return place.local
 
 
-def _path(config: GenerateConfig) -> Path:
-    if config.out is not None:
-        path = Path(config.out)
+def _generate(config: GenerateConfig, place: Place, sensor: _Sensor) -> None:
+    """Every shard that the dataset there lacks, and those that are damaged."""
+    where = str(place.local.resolve() if place.local else place)
+    dataset = store.create(where, _layout(config, sensor), config.content(), _recipe())
+    shards = dataset.unfinished_shards()
+    total = sum(len(dataset.layout.rows(shard)) for shard in shards)
+    with tqdm(total=total, unit="rec", desc="generating", disable=not shards) as bar:
+        if config.cluster.kind == "serial":
+            for shard in shards:
+                make_shard(config, where, shard, bar.update)
+            return
+        require(not place.in_memory, "out", place, "is this process's alone: use cluster=serial")
+        for shard in cluster.finished(config.cluster, partial(make_shard, config, where), shards):
+            bar.update(len(dataset.layout.rows(shard)))
+
+
+def make_shard(
+    config: GenerateConfig, path: str, shard: int, tick: Callable[[], object] = int
+) -> None:
+    """Make a shard of a dataset that was started: a worker's task. `tick` hears each recording."""
+    dataset = store.Dataset.open(path)
+    rows = []
+    for row in _recordings(config, _Sensor.of(config), dataset.layout.rows(shard)):
+        rows.append(row)
+        tick()
+    dataset.write_shard(shard, {n: np.stack([r[n] for r in rows]) for n in rows[0]})
+
+
+def _out(config: GenerateConfig) -> Path | str:
+    """Where the dataset goes."""
+    if config.out is None:
+        identity = fingerprint({"schema": SCHEMA, **config.content()})
+        return task_directory("generate", identity) / "dataset.zarr"
+    path = Place(config.out).local
+    if path is not None:
         require(not path.is_file(), "out", path, "is a file; a dataset is a directory")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
-    identity = fingerprint({"schema": SCHEMA, **config.content()})
-    return task_directory("generate", identity) / "dataset.zarr"
+    return config.out
 
 
 def _layout(config: GenerateConfig, sensor: _Sensor) -> store.Layout:
@@ -261,7 +296,7 @@ def _recordings(
         )
         for i, planned, own in zip(rows, plans, labels, strict=True)
     ]
-    threads = os.cpu_count() or 1
+    threads = config.cluster.threads
     means = config.imu.model(config.rate_hz).averages_motion
     truths = motion.truths(
         config.bench, plans, latitude, draws, threads, config.height_m, config.block, not means
@@ -349,14 +384,7 @@ def _split(config: GenerateConfig, recording: int, unit: int, session: int) -> i
     return int(np.searchsorted(np.cumsum(shares), order[place], side="right"))
 
 
-def _illustrate(path: Path, scene: SceneConfig) -> None:
-    """Store a picture of the scene beside the dataset, where one can be rendered."""
-    picture = path.with_suffix(".png")
-    if not picture.exists():
-        why_not = try_picture(picture, scene)
-        if why_not is not None:
-            print(f"no picture of the scene: {why_not}", file=sys.stderr)
-
-
 if __name__ == "__main__":
-    run_main(main, GenerateConfig, "generate")
+    import sim.generate  # as which, and not as __main__, workers elsewhere know what is here
+
+    run_main(sim.generate.main, sim.generate.GenerateConfig, "generate")

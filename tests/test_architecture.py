@@ -47,11 +47,14 @@ ENTRY_POINTS = (
 )
 RENDERING = "sim/render.py"  # what `python sim/scene.py` runs; draws with lbgc.report
 ROOMS = {
-    "zarr": {"lbgc/data/store.py"},
+    "zarr": {"lbgc/data/store.py", "lbgc/data/documents.py"},
+    "fsspec": {"lbgc/data/place.py"},
     "pyarrow": {"lbgc/data/logs.py"},
     "mujoco": {"sim/scene.py", "sim/physics.py", "sim/render.py"},
     "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py", "lbgc/report/allan_page.py"},
     "PIL": {"sim/render.py"},
+    "distributed": {"sim/cluster.py"},
+    "fcntl": {"lbgc/data/place.py"},
     "hydra": {"lbgc/errors.py"},
     "omegaconf": {"lbgc/errors.py"},
     "allantools": {"lbgc/sensor/allan.py"},
@@ -168,6 +171,7 @@ def test_the_configuration_files_mirror_the_dataclasses():
     from lbgc.protocol import ProtocolConfig
     from lbgc.sensor.datasheet import AccelConfig, GyroConfig, ImuConfig
     from lbgc.train import TrainConfig
+    from sim.cluster import ClusterConfig
     from sim.generate import GenerateConfig
     from sim.render import ViewConfig
     from sim.scene import SceneConfig
@@ -177,7 +181,7 @@ def test_the_configuration_files_mirror_the_dataclasses():
     def keys(path: Path) -> set[str]:
         return set(yaml.safe_load(path.read_text())) - {"defaults", "hydra"}
 
-    groups = {"imu", "scene", "protocol", "model", "log"}
+    groups = {"imu", "scene", "protocol", "model", "log", "cluster"}
     entry_points = {
         "generate": GenerateConfig,
         "train": TrainConfig,
@@ -188,6 +192,8 @@ def test_the_configuration_files_mirror_the_dataclasses():
         assert keys(conf / f"{name}.yaml") == {f.name for f in fields(config)} - groups, name
     for path in (conf / "model").glob("*.yaml"):
         assert keys(path) == {f.name for f in fields(ModelConfig)}, path
+    for path in (conf / "cluster").glob("*.yaml"):
+        assert keys(path) == {f.name for f in fields(ClusterConfig)}, path
     for name, config in (("scene", SceneConfig), ("protocol", ProtocolConfig)):
         every = yaml.safe_load((conf / f"{name}_defaults.yaml").read_text())
         assert build(config, every) == config()

@@ -15,6 +15,7 @@ from lbgc.estimators.static import mean
 from lbgc.frames import rotation_z, wrap
 from lbgc.metrics import heading_errors
 from lbgc.protocol import STAGES
+from sim.cluster import ClusterConfig
 from sim.generate import GenerateConfig
 
 SMALL = {"recordings": 20, "rate_hz": 50.0, "duration_s": 20.0}
@@ -151,6 +152,7 @@ CHANGED = {
     "output": "means",
     "mean_s": 10.0,
     "out": "elsewhere.zarr",
+    "cluster": ClusterConfig("local"),
     "imu": "imu=ideal",
     "scene": "scene.reference_error_deg=0.4",
     "protocol": "protocol=static",
@@ -167,7 +169,10 @@ def test_every_field_changes_the_dataset(field, tmp_path):
     else:
         changed = replace(base, **{field: change})
     if field == "out":
-        assert sim.generate._path(changed).name == "elsewhere.zarr"
+        assert sim.generate._out(changed) == "elsewhere.zarr"
+        assert changed.content() == base.content()
+    elif field == "cluster":  # who does the work, and nothing of the result
+        assert changed.content() == base.content()
     elif field == "recordings":
         layout = sim.generate._layout
         own = sensor(base)

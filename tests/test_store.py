@@ -13,6 +13,7 @@ from lbgc.data import store
 from lbgc.data.schema import VARIABLES
 from lbgc.data.store import Dataset, Layout
 from lbgc.errors import InputError
+from lbgc.outputs import fingerprint
 
 LAYOUT = Layout(600, 40, 2.0, {"gyro": 1e-6, "accel": None})
 
@@ -140,19 +141,13 @@ def test_what_is_no_dataset_is_refused_and_left_alone(tmp_path, content):
         assert any(path.iterdir())
 
 
-def test_another_schema_is_refused_by_number(dataset):
-    zarr.open_group(dataset.path, mode="r+").attrs["schema"] = 999
-    with pytest.raises(InputError, match="has schema 999, this version reads 2"):
-        Dataset.open(dataset.path)
-
-
-def test_what_a_killed_creation_left_is_made_anew(tmp_path):
-    path = tmp_path / "d.zarr"
-    (tmp_path / "d.zarr.creating").mkdir()
-    (tmp_path / "d.zarr.creating" / "half").write_text("")
-    path.mkdir()  # an empty directory is nobody's dataset
-    assert make(path).missing_shards() == []
-    assert not (tmp_path / "d.zarr.creating").exists()
+@pytest.mark.parametrize("call", [Dataset.open, lambda p: store.create(p, LAYOUT, {"a": 1}, {})])
+def test_another_schema_is_refused_by_number(dataset, call):
+    attributes = zarr.open_group(dataset.path, mode="r+").attrs
+    attributes["schema"] = 2
+    attributes["identity"] = fingerprint({"schema": 2, "a": 1})
+    with pytest.raises(InputError, match="has schema 2, this version reads 3; generate it again"):
+        call(dataset.path)
 
 
 def test_a_directory_around_the_dataset_will_do(tmp_path, dataset):

@@ -1,206 +1,132 @@
-"""The dataset: one Zarr v3 store, and the only file that touches Zarr.
+"""The dataset: one Zarr v3 store. Only this file and `documents.py` touch Zarr.
 
 Every array has its dimensions' names, units and a long name. What a shard holds is written by one
-task; the manifest (`manifest/digest`, a SHA-256 a shard) is written last, so that what it names is
+task; its row of the manifest (`lbgc/data/manifest.py`) is written last, so that what it names is
 whole. A dataset is finished when every shard is in the manifest; completeness never comes from
 files being there, since a missing shard would read silently as zeros.
 """
 
 import hashlib
-import shutil
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import zarr
-from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
+from tqdm import tqdm
 
+from lbgc.data import manifest
+from lbgc.data.documents import DOCUMENTS, Layout, documents
+from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
-from lbgc.data.schema import AXES, RECORDED, SCHEMA, SPLITS, VARIABLES, Variable
+from lbgc.data.schema import SCHEMA, SPLITS, VARIABLES
 from lbgc.errors import InputError, require
 from lbgc.outputs import fingerprint
 
-_SHARD_BYTES = 64e6
-_SHARD_RECORDINGS = 16
-_CHUNK_BYTES = 4e6
 
-
-@dataclass(frozen=True)
-class Layout:
-    """A dataset's shape: recordings, samples each, their rate, and the counts' scale (or None)."""
-
-    recordings: int
-    samples: int
-    rate_hz: float
-    scales: Mapping[str, float | None]
-    """gyro, accel: SI per count, or None where floats are stored."""
-
-    @property
-    def shard(self) -> int:
-        """Recordings a shard: as much as one task holds in memory. Never depends on how many
-        recordings there are, so that a longer dataset begins with the same shards."""
-        one = self.samples * 6 * 4
-        return int(np.clip(_SHARD_BYTES // one, 1, _SHARD_RECORDINGS if one > 1e5 else 512))
-
-    @property
-    def shards(self) -> int:
-        return -(-self.recordings // self.shard)
-
-    def rows(self, shard: int) -> range:
-        """The recordings of a shard."""
-        return range(shard * self.shard, min((shard + 1) * self.shard, self.recordings))
-
-
-def create(path: Path, layout: Layout, configuration: Mapping, recipe: Mapping) -> "Dataset":
-    """Start a dataset, or go on with the same one that was started here before.
+def create(path: str | Path, layout: Layout, configuration: Mapping, recipe: Mapping) -> "Dataset":
+    """Start a dataset, or go on with the same one that was started here before, its documents
+    mended where they are damaged.
 
     configuration : what decides the dataset's content, JSON-able; recipe : what else a reader
-    may want (package versions). Raises InputError where `path` holds anything else.
+    may want (package versions). Raises InputError where `path` holds anything else, or cannot be
+    written.
     """
+    place = Place(path)
     identity = fingerprint({"schema": SCHEMA, **configuration})
-    if path.exists() and any(path.iterdir()):
-        found = Dataset.open(path)
-        if found.identity != identity:
-            raise InputError(
-                "out", path, "", "holds a dataset of another configuration; choose another path"
-            )
-        return found
-    attributes = {
-        "Conventions": "CF-1.11",
-        "title": "lbgc dataset",
-        "schema": SCHEMA,
-        "identity": identity,
-        "configuration": dict(configuration),
-        "rate_hz": layout.rate_hz,
-        **recipe,
-    }
-    # Made beside and renamed, so that a path holds either a whole (empty) dataset or nothing.
-    building = path.with_name(path.name + ".creating")
-    shutil.rmtree(building, ignore_errors=True)
-    root = zarr.create_group(building, attributes=attributes)
-    manifest = root.create_group("manifest")
-    manifest.create_array(
-        "digest",
-        shape=(layout.shards, 32),
-        chunks=(1, 32),
-        dtype="uint8",
-        fill_value=0,
-        compressors=[Crc32cCodec()],
-        dimension_names=("shard", "byte"),
-        attributes={"long_name": "SHA-256 of a finished shard's decoded arrays"},
-    )
-    sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
-    for name, variable in VARIABLES.items():
-        _create_array(root, name, variable, layout, sizes)
-    _create_coordinates(root, layout)
-    if path.exists():
-        path.rmdir()  # it is empty
-    building.rename(path)
+    what = "holds a dataset of another configuration; choose another path"
+    require(manifest.owner(place) in (None, identity), "out", path, what)
+    with writing(place):
+        for name in manifest.strays(place):
+            place.remove(name)
+        damaged = manifest.damaged_documents(place, DOCUMENTS)
+        if damaged:
+            attributes = {
+                "Conventions": "CF-1.11",
+                "title": "lbgc dataset",
+                "schema": SCHEMA,
+                "identity": identity,
+                "configuration": dict(configuration),
+                "rate_hz": layout.rate_hz,
+                **recipe,
+            }
+            made = documents(layout, attributes)
+            for name in DOCUMENTS:  # the root first: it says whose all the others are
+                if name in damaged:
+                    place.write(name, made[name])
+            found = {name: place.read(name) or b"" for name in DOCUMENTS}
+            place.write(manifest.MANIFEST, manifest.compose(identity, found))
     return Dataset.open(path)
 
 
-def _create_array(
-    root: zarr.Group, name: str, variable: Variable, layout: Layout, sizes: Mapping[str, int]
-) -> None:
-    scale = layout.scales.get(name)
-    dtype = variable.dtype or ("float32" if scale is None else "int32")
-    attributes: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
-    if scale is not None:
-        attributes["scale_factor"] = scale
-    if variable.flags:
-        attributes["flag_values"] = list(range(len(variable.flags)))
-        attributes["flag_meanings"] = " ".join(variable.flags)
-    shape = tuple(sizes[d] for d in variable.dims)
-    shard = (layout.shard, *shape[1:])
-    chunk, filters = shard, []
-    if variable.dims == RECORDED:
-        bytes_each = 12 * layout.samples
-        per_chunk = max(1, int(_CHUNK_BYTES // bytes_each)) if layout.shard > 16 else 1
-        while layout.shard % per_chunk:
-            per_chunk -= 1
-        chunk, filters = (per_chunk, *shape[1:]), [TransposeCodec(order=(0, 2, 1))]
-    root.create_array(
-        name=name,
-        shape=shape,
-        dtype=dtype,
-        chunks=chunk,
-        shards=shard if chunk != shard else None,
-        filters=filters,
-        # crc32c last: the checksum is of the bytes on disk. The other order is accepted silently.
-        compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"), Crc32cCodec()],
-        fill_value=0,
-        dimension_names=variable.dims,
-        attributes=attributes,
-        config={"write_empty_chunks": True},
-    )
+def find(path: str | Path) -> Place:
+    """Where the dataset is: here, or in `dataset.zarr` below. Raises InputError where none is."""
+    place = Place(path)
+    for candidate in (place, place.inside("dataset.zarr")):
+        if candidate.read(manifest.ROOT) is not None or candidate.read(manifest.MANIFEST):
+            require(manifest.owner(candidate) is not None, "data", path, manifest.NONE)
+            return candidate
+    raise InputError("data", path, "", manifest.NONE)
 
 
-def _create_coordinates(root: zarr.Group, layout: Layout) -> None:
-    time = (np.arange(layout.samples) + 1) / layout.rate_hz
-    coordinates: tuple[tuple[str, np.ndarray, dict], ...] = (
-        ("time", time, {"units": "s", "long_name": "end of the sample's interval"}),
-        ("axis", np.arange(3, dtype="int8"), {"units": "1", "long_name": "body axis"}),
-    )
-    for name, values, attributes in coordinates:
-        if name == "axis":
-            attributes |= {"flag_values": [0, 1, 2], "flag_meanings": " ".join(AXES)}
-        root.create_array(
-            name=name,
-            data=values,
-            chunks=values.shape,
-            compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec()],
-            dimension_names=(name,),
-            attributes=attributes,
-        )
+def damaged_documents(place: Place) -> list[str]:
+    """The documents of a dataset that are not what its manifest says."""
+    return manifest.damaged_documents(place, DOCUMENTS)
+
+
+def some(names: Sequence) -> str:
+    """The first few, and how many more."""
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return ", ".join(map(str, names[:4])) + more
 
 
 class Dataset:
     """A dataset opened for reading, and for writing the shards it still lacks."""
 
-    def __init__(self, path: Path, group: zarr.Group):
-        self.path, self._group = path, group
+    def __init__(self, place: Place, group: zarr.Group):
+        self.place, self._group = place, group
 
     @classmethod
     def open(cls, path: str | Path) -> "Dataset":
         """Open a dataset, finished or not. A directory holding `dataset.zarr` will do.
 
-        Raises InputError where there is none, or one of another schema.
+        Raises InputError where there is none, one of another schema, or one whose documents are
+        not what its manifest says.
         """
-        path = Path(path)
-        if not (path / "zarr.json").exists() and (path / "dataset.zarr").exists():
-            path = path / "dataset.zarr"
-        what = "is no dataset; make one with `python sim/generate.py`"
-        require((path / "zarr.json").is_file(), "data", path, what)
+        place = find(path)
+        damaged = damaged_documents(place)
+        require(not damaged, "data", place, f"is damaged ({some(damaged)}); {manifest.AGAIN}")
         try:
-            group = zarr.open_group(path, mode="r")
+            return cls(place, zarr.open_group(str(place), mode="r"))
         except (ValueError, KeyError, OSError) as error:
-            raise InputError("data", path, "", f"{what} ({error})") from error
-        schema = group.attrs.get("schema")
-        require("identity" in group.attrs, "data", path, what)
-        require(
-            schema == SCHEMA,
-            "data",
-            path,
-            f"has schema {schema}, this version reads {SCHEMA}; generate it again",
-        )
-        return cls(path, group)
+            raise InputError("data", place, "", f"{manifest.NONE} ({error})") from error
 
     @classmethod
     def open_finished(cls, path: str | Path) -> "Dataset":
-        """Open a dataset that must be whole. Raises InputError where its generation did not end."""
+        """Open a dataset that must be whole, every file as it was written.
+
+        Raises InputError where its generation did not end, and where anything is damaged, missing
+        or left over.
+        """
         dataset = cls.open(path)
-        missing = dataset.missing_shards()
-        require(
-            not missing,
-            "data",
-            path,
-            f"is not finished: {len(missing)} of {len(dataset._manifest())} shards are missing; "
-            "run the command that generated it again",
-        )
+        missing, damaged = dataset.missing_shards(), dataset.damaged_shards()
+        left = manifest.strays(dataset.place)
+        wrong = []
+        if missing:
+            wrong.append(
+                f"is not finished: {len(missing)} of {dataset.layout.shards} shards are missing"
+            )
+        if damaged:
+            wrong.append(f"is damaged: shards {some(damaged)} are not as they were written")
+        if left:
+            wrong.append(f"holds what an interrupted run left ({some(left)})")
+        require(not wrong, "data", path, f"{', and '.join(wrong)}; {manifest.AGAIN}")
         return dataset
+
+    @property
+    def path(self) -> Path:
+        return Path(str(self.place))
 
     @property
     def identity(self) -> str:
@@ -228,30 +154,61 @@ class Dataset:
     def __len__(self) -> int:
         return self.layout.recordings
 
-    def label(self, name: str) -> np.ndarray:
-        """A variable with one value (or vector, or matrix) a recording, whole."""
-        return np.asarray(self._array(name)[:])
+    def label(self, name: str, rows: range | None = None) -> np.ndarray:
+        """A variable with one value (or vector, or matrix) a recording, of all or of these."""
+        rows = range(len(self)) if rows is None else rows
+        return np.asarray(self._array(name)[rows.start : rows.stop])
 
-    def _manifest(self) -> np.ndarray:
-        return np.asarray(self._array("manifest/digest")[:])
+    def _manifest(self, name: str) -> np.ndarray:
+        """A SHA-256 for each shard, (shards, 32); zeros where there is none that can be read."""
+        array = self._array(f"manifest/{name}")
+        try:
+            return np.asarray(array[:])
+        except ValueError:
+            rows = np.zeros(array.shape, np.uint8)
+            for shard in range(len(rows)):
+                with suppress(ValueError):
+                    rows[shard] = array[shard]
+            return rows
 
     def missing_shards(self) -> list[int]:
-        return np.flatnonzero(~self._manifest().any(axis=1)).tolist()
+        """Those which the manifest does not name."""
+        named = self._manifest("digest").any(axis=1) & self._manifest("stored").any(axis=1)
+        return np.flatnonzero(~named).tolist()
+
+    def damaged_shards(self) -> list[int]:
+        """Those which the manifest names, and whose files are not what it says; reads them all."""
+        digests, stored = self._manifest("digest"), self._manifest("stored")
+        named = np.flatnonzero(digests.any(axis=1) & stored.any(axis=1)).tolist()
+        checked = tqdm(named, "checking", unit="shard", leave=False, delay=1)
+        return [s for s in checked if self._stored(s, digests[s]) != stored[s].tobytes()]
+
+    def unfinished_shards(self) -> list[int]:
+        """What generation has to do, or to do again."""
+        return sorted(self.missing_shards() + self.damaged_shards())
+
+    def _stored(self, shard: int, digest: np.ndarray) -> bytes:
+        return manifest.stored_checksum(self.place, self.identity, shard, digest.tobytes())
 
     def write_shard(self, shard: int, batch: Mapping[str, np.ndarray]) -> None:
-        """Write all variables of a shard's recordings, then its digest.
+        """Write all variables of a shard's recordings, then its checksums.
 
         batch : name -> array whose first axis is the shard's recordings, for every variable.
+        Raises InputError where it cannot be written.
         """
         missing = set(VARIABLES) ^ set(batch)
         assert not missing, f"a shard holds every variable and no other: {missing}"
-        group = zarr.open_group(self.path, mode="r+")
         rows = self.layout.rows(shard)
-        with zarr.config.set({"array.write_empty_chunks": True}):
+        with writing(self.place), zarr.config.set({"array.write_empty_chunks": True}):
+            for name in manifest.shard_files(shard):
+                self.place.remove(name)  # else what is damaged would be read, to be completed
+            group = zarr.open_group(str(self.place), mode="r+")
             for name, values in batch.items():
                 group[name][rows.start : rows.stop] = values  # type: ignore[index]
-        digest = np.frombuffer(self._shard_digest(shard), np.uint8)
-        group["manifest/digest"][shard] = digest  # type: ignore[index]
+            digest = np.frombuffer(self._shard_digest(shard), np.uint8)
+            stored = np.frombuffer(self._stored(shard, digest), np.uint8)
+            group["manifest/digest"][shard] = digest  # type: ignore[index]
+            group["manifest/stored"][shard] = stored  # type: ignore[index]
 
     def _shard_digest(self, shard: int) -> bytes:
         """SHA-256 over the shard's decoded arrays, read back from the store."""
@@ -285,7 +242,7 @@ class Dataset:
             for i in inside:
                 at = int(i) - span.start
                 yield Record(
-                    name=f"{self.path.name}[{i}]",
+                    name=f"{self.place.name}[{i}]",
                     gyro=data["gyro"][at],
                     accel=data["accel"][at],
                     plate_angle=data["plate_angle"][at],

@@ -1,0 +1,135 @@
+"""Every file of a dataset that has no recordings yet: the metadata of its arrays, and coordinates.
+
+With `store.py` the only file that touches Zarr.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
+from zarr.storage import MemoryStore
+
+from lbgc.data.schema import AXES, RECORDED, VARIABLES, Variable
+
+_SHARD_BYTES = 64e6
+_SHARD_RECORDINGS = 16
+_CHUNK_BYTES = 4e6
+DOCUMENTS = (
+    "zarr.json",
+    "manifest/digest/zarr.json",
+    "manifest/stored/zarr.json",
+    *(f"{name}/zarr.json" for name in (*VARIABLES, "time", "axis")),
+    "time/c/0",
+    "axis/c/0",
+)
+"""The files of a dataset without recordings, but for the manifest's own, `manifest/zarr.json`."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A dataset's shape: recordings, samples each, their rate, and the counts' scale (or None)."""
+
+    recordings: int
+    samples: int
+    rate_hz: float
+    scales: Mapping[str, float | None]
+    """gyro, accel: SI per count, or None where floats are stored."""
+
+    @property
+    def shard(self) -> int:
+        """Recordings a shard: as much as one task holds in memory. Never depends on how many
+        recordings there are, so that a longer dataset begins with the same shards."""
+        one = self.samples * 6 * 4
+        return int(np.clip(_SHARD_BYTES // one, 1, _SHARD_RECORDINGS if one > 1e5 else 512))
+
+    @property
+    def shards(self) -> int:
+        return -(-self.recordings // self.shard)
+
+    def rows(self, shard: int) -> range:
+        """The recordings of a shard."""
+        return range(shard * self.shard, min((shard + 1) * self.shard, self.recordings))
+
+
+def documents(layout: Layout, attributes: Mapping) -> dict[str, bytes]:
+    """The files of DOCUMENTS, for a dataset of this layout and with these root attributes."""
+    files: dict[str, Any] = {}
+    root = zarr.create_group(MemoryStore(files), attributes=dict(attributes))
+    group = root.create_group("manifest")
+    for name, long_name in (
+        ("digest", "SHA-256 of a finished shard's decoded arrays"),
+        ("stored", "SHA-256 of a finished shard's identity, digest and files"),
+    ):
+        group.create_array(
+            name,
+            shape=(layout.shards, 32),
+            chunks=(1, 32),
+            dtype="uint8",
+            fill_value=0,
+            compressors=[Crc32cCodec()],
+            dimension_names=("shard", "byte"),
+            attributes={"long_name": long_name},
+        )
+    sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
+    for name, variable in VARIABLES.items():
+        _create_array(root, name, variable, layout, sizes)
+    _create_coordinates(root, layout)
+    return {name: files[name].to_bytes() for name in DOCUMENTS}
+
+
+def _create_array(
+    root: zarr.Group, name: str, variable: Variable, layout: Layout, sizes: Mapping[str, int]
+) -> None:
+    scale = layout.scales.get(name)
+    dtype = variable.dtype or ("float32" if scale is None else "int32")
+    attributes: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
+    if scale is not None:
+        attributes["scale_factor"] = scale
+    if variable.flags:
+        attributes["flag_values"] = list(range(len(variable.flags)))
+        attributes["flag_meanings"] = " ".join(variable.flags)
+    shape = tuple(sizes[d] for d in variable.dims)
+    shard = (layout.shard, *shape[1:])
+    chunk, filters = shard, []
+    if variable.dims == RECORDED:
+        bytes_each = 12 * layout.samples
+        per_chunk = max(1, int(_CHUNK_BYTES // bytes_each)) if layout.shard > 16 else 1
+        while layout.shard % per_chunk:
+            per_chunk -= 1
+        chunk, filters = (per_chunk, *shape[1:]), [TransposeCodec(order=(0, 2, 1))]
+    root.create_array(
+        name=name,
+        shape=shape,
+        dtype=dtype,
+        chunks=chunk,
+        shards=shard if chunk != shard else None,
+        filters=filters,
+        # crc32c last: the checksum is of the bytes on disk. The other order is accepted silently.
+        compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"), Crc32cCodec()],
+        fill_value=0,
+        dimension_names=variable.dims,
+        attributes=attributes,
+        config={"write_empty_chunks": True},
+    )
+
+
+def _create_coordinates(root: zarr.Group, layout: Layout) -> None:
+    time = (np.arange(layout.samples) + 1) / layout.rate_hz
+    coordinates: tuple[tuple[str, np.ndarray, dict], ...] = (
+        ("time", time, {"units": "s", "long_name": "end of the sample's interval"}),
+        ("axis", np.arange(3, dtype="int8"), {"units": "1", "long_name": "body axis"}),
+    )
+    for name, values, attributes in coordinates:
+        if name == "axis":
+            attributes |= {"flag_values": [0, 1, 2], "flag_meanings": " ".join(AXES)}
+        root.create_array(
+            name=name,
+            data=values,
+            chunks=values.shape,
+            compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec()],
+            dimension_names=(name,),
+            attributes=attributes,
+        )

@@ -1,0 +1,122 @@
+"""What a dataset's files must be: the manifest's checksums, and what does not agree with them.
+
+`manifest/zarr.json` names every document (each file written when the dataset was started) with its
+SHA-256, the dataset's identity, and a checksum of its own. `manifest/digest` and `manifest/stored`
+have a row for each finished shard: SHA-256 of its decoded arrays, and of its files as they are
+stored. A flipped bit anywhere, or a file lost, cut short or taken from another dataset, disagrees.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+
+from lbgc.data.place import Place, is_partial
+from lbgc.data.schema import SCHEMA, VARIABLES
+from lbgc.errors import InputError, require
+from lbgc.outputs import fingerprint
+
+ROOT = "zarr.json"
+MANIFEST = "manifest/zarr.json"
+_OWN = "0" * 64
+AGAIN = "run the command that generated it again"
+NONE = "is no dataset; make one with `python sim/generate.py`"
+
+
+def sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def compose(identity: str, documents: Mapping[str, bytes]) -> bytes:
+    """The manifest's own document: a Zarr group whose attributes are the checksums."""
+    attributes = {
+        "identity": identity,
+        "documents": {name: sha256(documents[name]) for name in sorted(documents)},
+        "checksum": _OWN,
+    }
+    group = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
+    text = json.dumps(group, indent=2)
+    return text.replace(_OWN, sha256(text.encode())).encode()
+
+
+def _attributes(content: bytes | None) -> Mapping | None:
+    """A Zarr document's attributes; None where it is not one."""
+    try:
+        attributes = json.loads(content or b"")["attributes"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return attributes if isinstance(attributes, dict) else None
+
+
+def _intact(place: Place) -> Mapping | None:
+    """The manifest's attributes; None where it is missing or damaged."""
+    content = place.read(MANIFEST)
+    attributes = _attributes(content)
+    if content is None or attributes is None:
+        return None
+    own = str(attributes.get("checksum")).encode()
+    if sha256(content.replace(own, _OWN.encode())).encode() != own:
+        return None
+    return attributes
+
+
+def _claim(place: Place) -> tuple[str, int] | None:
+    """Identity and schema of the dataset by its root document, where the two agree with its
+    configuration."""
+    attributes = _attributes(place.read(ROOT)) or {}
+    schema, configuration = attributes.get("schema"), attributes.get("configuration")
+    if not isinstance(configuration, dict) or type(schema) is not int:
+        return None
+    identity = fingerprint({"schema": schema, **configuration})
+    return (identity, schema) if attributes.get("identity") == identity else None
+
+
+def owner(place: Place) -> str | None:
+    """Identity of the dataset here; None where nothing is here, or what interrupted runs leave.
+
+    Where the root document is damaged the manifest says it. Raises InputError where there is
+    something else, a dataset of another schema, or one that is beyond repair.
+    """
+    claim, manifest = _claim(place), _intact(place)
+    if claim is not None:
+        identity, schema = claim
+        what = f"has schema {schema}, this version reads {SCHEMA}; generate it again"
+        require(schema == SCHEMA, "data", place, what)
+        return identity
+    if manifest is not None:
+        return str(manifest.get("identity"))
+    if all(map(is_partial, place.names())):
+        return None
+    was_one = "identity" in (_attributes(place.read(ROOT)) or {}) or place.read(MANIFEST)
+    what = f"is damaged beyond repair ({ROOT}, {MANIFEST}); delete it" if was_one else NONE
+    raise InputError("data", place, "", what)
+
+
+def damaged_documents(place: Place, names: Iterable[str]) -> list[str]:
+    """Which of these documents are not what the manifest says; all, where it says nothing itself
+    or was another dataset's."""
+    manifest, claim = _intact(place), _claim(place)
+    checksums = {} if manifest is None else manifest["documents"]
+    if manifest is None or claim not in (None, (manifest["identity"], SCHEMA)):
+        return [MANIFEST, *names]
+    return [n for n in names if checksums.get(n) != sha256(place.read(n) or b"")]
+
+
+def shard_files(shard: int) -> list[str]:
+    """The files of a shard: one a variable."""
+    return [f"{n}/c/{shard}" + "/0" * (len(v.dims) - 1) for n, v in sorted(VARIABLES.items())]
+
+
+def stored_checksum(place: Place, identity: str, shard: int, digest: bytes) -> bytes:
+    """SHA-256 over whose a shard is, its decoded arrays' digest, and its files."""
+    checksum = hashlib.sha256(f"{identity} {shard} ".encode() + digest)
+    for name in shard_files(shard):
+        content = place.read(name)
+        size = -1 if content is None else len(content)
+        checksum.update(f"{name} {size} ".encode())
+        checksum.update(content or b"")
+    return checksum.digest()
+
+
+def strays(place: Place) -> list[str]:
+    """Files that an interrupted run left half-written, and links, which lead elsewhere."""
+    return [name for name in place.names() if is_partial(name) or place.is_link(name)]

@@ -1,0 +1,90 @@
+"""Ways in which a dataset's files get damaged. Each does one and says what it did."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from lbgc.data.documents import DOCUMENTS
+from lbgc.data.manifest import shard_files
+
+SHARDED = ("gyro", "accel", "attitude")
+"""Variables whose files hold several chunks and end in an index of them: 16 bytes each, and 4."""
+
+
+def one_of(rng: np.random.Generator, names: list[str]) -> str:
+    return names[int(rng.integers(len(names)))]
+
+
+def flip(path: Path, rng: np.random.Generator, first: int = 0) -> str:
+    """Flip one bit of a file, from byte `first` on."""
+    content = bytearray(path.read_bytes())
+    at, bit = first + int(rng.integers(len(content) - first)), int(rng.integers(8))
+    content[at] ^= 1 << bit
+    path.write_bytes(content)
+    return f"bit {bit} of byte {at} of {len(content)} flipped in {path}"
+
+
+def truncate(path: Path, rng: np.random.Generator) -> str:
+    """Cut a file short, by a byte at least."""
+    content = path.read_bytes()
+    size = int(rng.integers(len(content)))
+    path.write_bytes(content[:size])
+    return f"{path} cut to {size} of {len(content)} bytes"
+
+
+def delete(path: Path, rng: np.random.Generator) -> str:
+    path.unlink()
+    return f"{path} deleted"
+
+
+def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
+    """Damage the recorded data, in the chunks themselves where there is an index too."""
+    name = one_of(rng, shard_files(int(rng.integers(shards))))
+    path = store / name
+    way = int(rng.integers(5))
+    if way == 0:
+        whole = path.with_suffix(".0123456789abcdef.partial")
+        whole.write_bytes(path.read_bytes()[: int(rng.integers(path.stat().st_size))])
+        return f"{whole} left"
+    if way == 1:
+        shard = name.split("/")[2]
+        for each in shard_files(int(shard)):
+            (store / each).unlink()
+        return f"shard {shard} deleted"
+    if way == 2:
+        return truncate(path, rng)
+    return flip(path, rng)
+
+
+def index(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
+    """Damage the index at the end of a file of several chunks."""
+    path = store / f"{one_of(rng, list(SHARDED))}/c/{int(rng.integers(shards))}/0/0"
+    return flip(path, rng, first=path.stat().st_size - (16 * 16 + 4))
+
+
+def metadata(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
+    """Damage a document: of the group, of an array, or a coordinate's values."""
+    path = store / (DOCUMENTS[0] if rng.random() < 0.2 else one_of(rng, list(DOCUMENTS)))
+    return (flip, flip, flip, truncate, delete)[int(rng.integers(5))](path, rng)
+
+
+def manifest(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
+    """Damage the manifest, or put another dataset's in its place."""
+    way = int(rng.integers(6))
+    if way == 0:
+        shutil.rmtree(store / "manifest")
+        shutil.copytree(foreign / "manifest", store / "manifest")
+        return "another dataset's manifest"
+    rows = [f"{n}/c/{s}/0" for n in ("digest", "stored") for s in range(shards)]
+    path = store / "manifest" / one_of(rng, ["zarr.json", *rows])
+    return (flip, flip, flip, truncate, delete)[way - 1](path, rng)
+
+
+KINDS: dict[str, Callable[[Path, np.random.Generator, int, Path], str]] = {
+    "payload": payload,
+    "shard index": index,
+    "metadata": metadata,
+    "manifest": manifest,
+}
