@@ -66,7 +66,7 @@ format: $(STAMP)
 bench: $(PEERS)
 	PYTHONPATH=tests:tests/studies $(BIN)/python tests/bench/bench.py
 
-STUDIES := $(filter-out common vehicle_likeness,$(basename $(notdir $(wildcard tests/studies/*.py))))
+STUDIES := $(filter-out common scoring vehicle_likeness,$(basename $(notdir $(wildcard tests/studies/*.py))))
 
 study: $(addprefix study-,$(STUDIES))
 

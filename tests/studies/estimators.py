@@ -7,7 +7,7 @@ covariance that the bound is made of. Every ratio is paired, over independent re
 """
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -19,6 +19,7 @@ import yaml
 from common import Report
 from helpers import REAL_LOGS, composed, default_config
 from scipy.signal import lfilter
+from scoring import Scores, first_windows, named, scored
 from simulated import swaying
 from tqdm import tqdm
 
@@ -26,13 +27,12 @@ import sim.generate
 from lbgc.bound import course_of, crlb, floor, white_crlb
 from lbgc.data import logs
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, at_rate, cut, joined
+from lbgc.data.windows import Windows, at_rate, cut
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled
 from lbgc.estimators.information import Information, covariance, information, turn
 from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import rotation_z, wrap
-from lbgc.metrics import Ratio, rmse_ratio
 from lbgc.report import paper
 from lbgc.report.figures import error_against_window, png
 from lbgc.sensor.imu import ImuModel
@@ -40,7 +40,6 @@ from sim.generate import GenerateConfig
 
 CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
 DIRECTORY = Path("outputs/studies/estimators")
-ESTIMATORS = {**CLASSICAL, "floor": floor}
 WHITE_ONLY = (
     "imu=ideal",
     "imu.gyro.arw_deg_per_sqrt_h=0.031",
@@ -78,55 +77,6 @@ def generated(case: Case) -> Dataset:
     return Dataset.open_finished(sim.generate.main(case.config))
 
 
-def first_windows(data: Dataset, window_s: float, batch: int = 500) -> Iterator[Windows]:
-    """The first window of each recording, in batches."""
-    several: list[Windows] = []
-    for record in data.records(np.arange(len(data))):
-        size = round(window_s * record.rate_hz)
-        short = replace(record, gyro=record.gyro[:size], accel=record.accel[:size],
-                        plate_angle=record.plate_angle[:size])  # fmt: skip
-        several.append(cut(short, window_s))
-        if len(several) == batch:
-            yield joined(several)
-            several = []
-    if several:
-        yield joined(several)
-
-
-@dataclass(frozen=True)
-class Scores:
-    errors: np.ndarray
-    """(R,), rad"""
-    sigma: np.ndarray
-
-    @property
-    def rmse_deg(self) -> float:
-        return float(np.rad2deg(np.sqrt(np.mean(self.errors**2))))
-
-    @property
-    def nse(self) -> float:
-        return float(np.mean((self.errors / self.sigma) ** 2))
-
-    @property
-    def nse_error(self) -> float:
-        """Standard error of it."""
-        return float(np.std((self.errors / self.sigma) ** 2) / np.sqrt(len(self.errors)))
-
-    def over(self, other: "Scores") -> Ratio:
-        return rmse_ratio(self.errors, other.errors, np.arange(len(self.errors)))
-
-
-def scored(windows: Iterator[Windows], names: list[str], imu: ImuModel | None) -> dict[str, Scores]:
-    parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in names}
-    for own in windows:
-        truth = np.where(np.isnan(own.heading), own.heading_reference, own.heading)
-        for name in names:
-            found = ESTIMATORS[name](own, imu)
-            parts[name].append((wrap(found.heading - truth), found.sigma))
-    joint = {n: [np.concatenate(p) for p in zip(*own, strict=True)] for n, own in parts.items()}
-    return {name: Scores(*own) for name, own in joint.items()}
-
-
 def told(imu: ImuModel, protocol: str, latitude_deg: float, window_s: float) -> Information:
     config = default_config(f"protocol={protocol}").protocol
     site = Site.at(float(np.deg2rad(latitude_deg)))
@@ -152,7 +102,7 @@ def white(report: Report, data: Mapping[str, Dataset], cases: Mapping[str, Case]
     for name, latitude, window in rows:
         imu = cases[name].imu
         closed = white_crlb(imu.gyro.N[0], np.deg2rad(latitude), window)
-        found = scored(first_windows(data[name], window), ["mean", "gls"], imu)
+        found = scored(first_windows(data[name], window), named("mean", "gls"), imu)
         own = [float(np.mean(s.errors**2) / closed**2) for s in found.values()]
         count = len(found["mean"].errors)
         said = "   ".join(f"{r:.4f}" for r in own)
@@ -218,7 +168,7 @@ def gaussian(report: Report, data: Mapping[str, Dataset], cases: Mapping[str, Ca
     )
     worst_gls, worst_floor = [], []
     for name, case in cases.items():
-        found = scored(first_windows(data[name], 240), ["gls", "floor"], case.imu)
+        found = scored(first_windows(data[name], 240), named("gls", "floor"), case.imu)
         least, count = found["floor"], len(found["floor"].errors)
         over = found["gls"].over(least)
         worst_gls.append(over.high)
@@ -282,7 +232,7 @@ def protocols(report: Report, data: Mapping[str, Dataset], cases: Mapping[str, C
     )
     told_by: dict[str, dict[str, Scores]] = {}
     for name, case in cases.items():
-        found = scored(first_windows(data[name], c["window_s"]), [*c[name], "floor"], case.imu)
+        found = scored(first_windows(data[name], c["window_s"]), named(*c[name], "floor"), case.imu)
         told_by[name] = found
         for estimator, own in found.items():
             over = own.over(found["floor"])
@@ -341,7 +291,7 @@ def paper_baseline(report: Report, data: Mapping[str, Dataset], cases: Mapping[s
         picks = rng.integers(case.recordings, size=(c["sixteens"], 16))
         cells, hits = [], 0
         for window, median in zip(paper.WINDOWS_S, published, strict=True):
-            own = scored(first_windows(data[name], window), ["mean"], case.imu)["mean"]
+            own = scored(first_windows(data[name], window), named("mean"), case.imu)["mean"]
             medians = np.median(np.abs(np.rad2deg(own.errors))[picks], axis=1)
             low, high = np.percentile(medians, [2.5, 97.5])
             hits += low <= median <= high
@@ -374,13 +324,13 @@ def sway(report: Report, vehicle: Dataset, case: Case) -> None:
     report.line()
     report.line(f"swaying bases: RMSE, deg, and NSE; {c['windows']} windows of {c['duration_s']} s")
     for name, resonance in c["resonances"].items():
-        found = scored((sway_windows(resonance, part) for part in range(4)), names, None)
+        found = scored((sway_windows(resonance, part) for part in range(4)), named(*names), None)
         for estimator, own in found.items():
             report.line(f"{name:24s} {estimator:14s} {own.rmse_deg:8.3f}  {own.nse:.3f}")
             if estimator != "oba_textbook":  # its zero initial velocity is not so here
                 _note_nees(f"{estimator}, {name}", own)
     for window in c["vehicle_windows_s"]:
-        found = scored(first_windows(vehicle, window, 50), [*names, "mean"], case.imu)
+        found = scored(first_windows(vehicle, window, 50), named(*names, "mean"), case.imu)
         for estimator, own in found.items():
             label = f"vehicle scene, {window} s"
             report.line(f"{label:24s} {estimator:14s} {own.rmse_deg:8.3f}  {own.nse:.3f}")
@@ -398,12 +348,12 @@ def real_log(report: Report) -> None:
     assert config.imu is not None
     record = next(iter(logs.read(config.log)))
     imu = config.imu.model(record.rate_hz)
-    names = ["mean", "oba_textbook", "oba_interval", "oba"]
+    names = ["mean", "oba_textbook", "oba_interval", "oba", "oba_bias", "ekf"]
     report.line()
     report.line("lasergyro, whole log, against its reference: RMSE, deg; NSE")
     curves: dict[str, tuple[list[float], list[float]]] = {n: ([], []) for n in names}
     for window in c["windows_s"]:
-        found = scored(iter([cut(record, window)]), names, imu)
+        found = scored(iter([cut(record, window)]), named(*names), imu)
         for name, own in found.items():
             report.line(f"{window:5g} s  {name:14s} {own.rmse_deg:8.3f}  {own.nse:8.3g}")
             curves[name][0].append(window)
@@ -411,7 +361,7 @@ def real_log(report: Report) -> None:
         report.summary[f"lasergyro_{window}s_rmse_deg"] = found["oba"].rmse_deg
     (DIRECTORY / "lasergyro.png").write_bytes(png(error_against_window(curves)))
     windows = cut(record, c["turned_windows_s"])
-    own = scored(iter([windows]), ["oba"], imu)["oba"]
+    own = scored(iter([windows]), named("oba"), imu)["oba"]
     order, half = np.argsort(own.sigma), len(own.sigma) // 2
     halves = [np.sqrt(np.mean(own.errors[part] ** 2)) for part in (order[:half], order[half:])]
     report.summary["lasergyro_sigma_halves_ratio"] = float(halves[0] / halves[1])

@@ -19,6 +19,7 @@ from common import Report
 from helpers import composed, default_config
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
+from scoring import first
 from tqdm import tqdm
 
 import lbgc.train
@@ -80,22 +81,6 @@ def means(name: str, recordings: int, seed: int, *options: str) -> Dataset:
             f"seed={seed}",
             *options,
         )
-    )
-
-
-def first(records: Sequence[Record], window_s: float) -> Windows:
-    """The first window of each."""
-    n = round(window_s * records[0].rate_hz)
-    return joined([cut(_start(r, n), window_s) for r in records])
-
-
-def _start(record: Record, n: int) -> Record:
-    """Its first n samples."""
-    return replace(
-        record,
-        gyro=record.gyro[:n],
-        accel=record.accel[:n],
-        plate_angle=record.plate_angle[:n],
     )
 
 

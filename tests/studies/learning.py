@@ -1,0 +1,302 @@
+"""Where learning helps, where it cannot, and whether it knows which.
+
+    make study-learning
+
+A network learns the correction to a classical estimate, with its sigma. Every ratio is to the
+Bayes-optimal estimator on the same windows, with a paired 95% interval: to the one that is told the
+unit's errors where the network could have learned them, else to the one that is not.
+"""
+
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from common import Report
+from helpers import composed, default_config
+from matplotlib.figure import Figure
+from scipy.stats import norm
+from scoring import Scores, first, scored
+from tqdm import tqdm
+
+import lbgc.train
+import sim.generate
+from lbgc.bound import floor
+from lbgc.data.calibrated import calibrated, drawn_errors
+from lbgc.data.record import Record
+from lbgc.data.store import Dataset
+from lbgc.data.windows import cut, joined
+from lbgc.estimators.information import known
+from lbgc.estimators.static import mean
+from lbgc.frames import wrap
+from lbgc.learning.estimator import Learned
+from lbgc.report.figures import png
+from lbgc.sensor.imu import ImuModel
+from lbgc.train import TrainConfig
+
+CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+DIRECTORY = Path("outputs/studies/learning")
+IMPROVEMENT = (35.2, 43.3, 46.2, 46.6, 55.7)
+"""Published, per cent, of the medians at the five windows."""
+
+
+@dataclass(frozen=True)
+class Case:
+    name: str
+    options: tuple[str, ...]
+    steps: int = CASES["steps"]
+    units: int = 1
+
+    def dataset(self, part: str, recordings: int, seed: int, unit_seed: int, split: str) -> Dataset:
+        units = recordings if self.units > 1 else 1
+        config = default_config(
+            "protocol=static",
+            *self.options,
+            f"out={DIRECTORY}/data/{self.name}_{part}.zarr",
+            "output=means",
+            "mean_s=5",
+            f"recordings={recordings}",
+            f"seed={seed}",
+            f"unit_seed={unit_seed}",
+            f"units={units}",
+            f"split={split}",
+            *(["split_by=unit"] if units > 1 else []),
+        )
+        return Dataset.open_finished(sim.generate.main(config))
+
+    def trained(self) -> tuple[Learned, float]:
+        """The model, and the minutes that it took."""
+        data = self.dataset("train", CASES["train_recordings"], CASES["seed"],
+                            CASES["unit_seed"], "[90,10,0]")  # fmt: skip
+        options = (f"data={data.place}", f"model={CASES['model']}", f"steps={self.steps}",
+                   "stream=true", "validate_every=200")  # fmt: skip
+        started = time.perf_counter()
+        run = lbgc.train.main(composed(TrainConfig, "train", *options))
+        return Learned.load(run), (time.perf_counter() - started) / 60
+
+    def tested(self) -> "Tested":
+        other = CASES["unit_seed"] + (1000 if self.units > 1 else 0)
+        count = CASES["test_recordings"]
+        data = self.dataset("test", count, CASES["seed"] + 1, other, "[0,0,1]")
+        every = np.arange(len(data))
+        config = composed(sim.generate.GenerateConfig, "generate", "protocol=static", *self.options)
+        imu = config.imu.model(config.rate_hz)
+        records = list(data.records(every))
+        told = [
+            calibrated(r, *e, ("unit",), imu.warming)
+            for r, e in zip(records, drawn_errors(data, every), strict=True)
+        ]
+        return Tested(records, told, imu)
+
+
+@dataclass(frozen=True)
+class Tested:
+    records: list[Record]
+    told: list[Record]
+    """The same, the unit's errors taken out."""
+    imu: ImuModel
+
+    def scores(self, learned: Learned, window_s: float, bases: Sequence = ()) -> dict[str, Scores]:
+        plain = {"mean": mean} if not bases else dict(bases)
+        found = scored(iter([first(self.records, window_s)]),
+                       {**plain, "learned": learned, "floor": floor}, self.imu)  # fmt: skip
+        knowing = known(self.imu, ("unit",))
+        best = scored(iter([first(self.told, window_s)]), {"told": floor}, knowing)
+        return found | best
+
+
+class Calibration:
+    """Do intervals hold as often as they say, by window length and third of stated sigma?"""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, float, float, int]] = []
+
+    def add(self, name: str, tested: Tested, learned: Learned) -> None:
+        for window in CASES["windows_s"]:
+            windows = joined([cut(record, window) for record in tested.records])
+            found = learned(windows)
+            z = np.abs(wrap(found.heading - windows.heading)) / found.sigma
+            order = np.argsort(found.sigma, kind="stable")
+            for third, part in enumerate((order, *np.array_split(order, 3))):
+                for level in CASES["calibration_levels"]:
+                    held = float(np.mean(z[part] <= norm.ppf((1 + level) / 2)))
+                    which = "all" if third == 0 else f"third {third}"
+                    self.rows.append((f"{name}, {window:g} s, {which}", level, held, len(part)))
+
+    def report(self, report: Report) -> None:
+        worst = max(self.rows, key=lambda row: abs(row[2] - row[1]))
+        report.line()
+        report.line("calibration: share of errors inside the stated 50, 90, 95% intervals")
+        for row in sorted(self.rows, key=lambda r: -abs(r[2] - r[1]))[:12]:
+            report.line(f"  {row[0]:40s} {row[1]:.0%}: {row[2]:.2%} of {row[3]}")
+        report.summary["calibration_worst_points"] = 100 * abs(worst[2] - worst[1])
+        report.summary["calibration_worst"] = worst[0]
+
+
+def table(
+    report: Report, name: str, tested: Tested, learned: Learned, against: str, bases: Sequence = ()
+) -> tuple[list[float], list[dict[str, Scores]]]:
+    """Print one case; upper ends of RMSE over the floor, by window, and the scores."""
+    base = next(iter(dict(bases))) if bases else "mean"
+    report.line()
+    report.line(f"{name}: RMSE, degrees; ratios over the floor"
+                f"{' that is told the unit' if against == 'told' else ''}")  # fmt: skip
+    report.line(f"window   {base:>22s}  learned  sigma    floor     told   over the floor [95%]   "
+                " less than the base, paper")  # fmt: skip
+    uppers, all_scores = [], []
+    for i, window in enumerate(CASES["windows_s"]):
+        found = tested.scores(learned, window, bases)
+        over = found["learned"].over(found[against])
+        gain = 1 - found["learned"].rmse_deg / found[base].rmse_deg
+        sigma = np.rad2deg(np.sqrt(np.mean(found["learned"].sigma ** 2)))
+        rmse = {name: scores.rmse_deg for name, scores in found.items()}
+        report.line(
+            f"{window:4g} s   {rmse[base]:22.3f}  {rmse['learned']:7.3f}  {sigma:5.3f}  "
+            f"{rmse['floor']:7.3f}  {rmse['told']:7.3f}   {over.value:.4f} "
+            f"({over.low:.4f} to {over.high:.4f})   {gain:6.1%}, {IMPROVEMENT[i]:g}%"
+        )
+        uppers.append(over.high)
+        all_scores.append(found)
+    return uppers, all_scores
+
+
+def bias(unit: float, run: float) -> tuple[str, ...]:
+    return (f"imu.gyro.bias_unit_deg_per_h={unit:.6f}", f"imu.gyro.bias_run_deg_per_h={run:.6f}")
+
+
+def by_share(report: Report, minutes: list[float], calibration: Calibration) -> None:
+    """How much there is to win, by the share of bias variance that repeats."""
+    whole, points = CASES["bias_deg_per_h"], {}
+    for share in (0.0, *CASES["shares"], 1.0):
+        case = Case(f"share_{share:g}", bias(whole * np.sqrt(share), whole * np.sqrt(1 - share)))
+        tested, (learned, took) = case.tested(), case.trained()
+        minutes.append(took)
+        uppers, scores = table(report, f"{share:.0%} of the bias variance repeats", tested, learned,
+                               "told")  # fmt: skip
+        points[share] = [
+            (
+                1 - s["learned"].rmse_deg / s["mean"].rmse_deg,
+                1 - s["told"].rmse_deg / s["mean"].rmse_deg,
+            )
+            for s in scores
+        ]
+        if share == 1.0:
+            report.summary["unit_bias_over_floor_max"] = max(uppers)
+            calibration.add("repeats", tested, learned)
+        if share == 0.0:
+            report.summary["run_bias_over_floor_max"] = max(uppers)
+            sigma = np.rad2deg(np.sqrt(np.mean(scores[-1]["learned"].sigma ** 2)))
+            report.summary["run_bias_sigma_240s_deg"] = float(sigma)
+            calibration.add("new every run", tested, learned)
+    report.summary["improvement_by_repeatable_share"] = [
+        {"share": share, "learned": [p[0] for p in own], "floor": [p[1] for p in own]}
+        for share, own in points.items()
+    ]
+    (DIRECTORY / "improvement_by_share.png").write_bytes(png(_curve(points)))
+
+
+def _curve(points: dict[float, list[tuple[float, float]]]) -> Figure:
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    axes = figure.add_subplot()
+    shares = list(points)
+    for i, (window, colour) in enumerate(
+        zip(
+            CASES["windows_s"], ("#9ecae1", "#6baed6", "#3182bd", "#08519c", "#08306b"), strict=True
+        )
+    ):
+        axes.plot(shares, [100 * points[s][i][1] for s in shares], color=colour, linewidth=1)
+        axes.plot(shares, [100 * points[s][i][0] for s in shares], "o", color=colour,
+                  label=f"{window:g} s")  # fmt: skip
+    axes.axhspan(35.2, 55.7, color="#27895a", alpha=0.12, label="published, 35 to 56%")
+    axes.set(
+        title="What learning wins over the plain mean, by how much of the bias repeats",
+        xlabel="share of the bias variance that repeats",
+        ylabel="RMSE less than the mean's, %",
+    )
+    axes.grid(True, color="0.9")
+    axes.legend(fontsize="small", title="points: learned; lines: the floor told the unit")
+    return figure
+
+
+def unseen_units(report: Report, minutes: list[float], calibration: Calibration) -> None:
+    case = Case("unseen", bias(CASES["bias_deg_per_h"], 0.0), units=CASES["train_recordings"])
+    tested, (learned, took) = case.tested(), case.trained()
+    minutes.append(took)
+    uppers, _ = table(
+        report, "all of it repeats, but in units never seen", tested, learned, "floor"
+    )
+    report.summary["unseen_unit_over_floor_max"] = max(uppers)
+    calibration.add("unseen units", tested, learned)
+
+
+def turned(report: Report, minutes: list[float], calibration: Calibration) -> None:
+    from lbgc.estimators import CLASSICAL
+
+    for protocol, own in CASES["turned"].items():
+        case = Case(protocol, (f"protocol={protocol}", *bias(0.0, CASES["bias_deg_per_h"])),
+                    own["steps"])  # fmt: skip
+        tested, (learned, took) = case.tested(), case.trained()
+        minutes.append(took)
+        report.line()
+        whole = tested.scores(learned, 240.0, [(protocol, CLASSICAL[protocol])])
+        over = whole["learned"].over(whole["told"])
+        report.line(
+            f"{protocol}, 240 s: {protocol} {whole[protocol].rmse_deg:.3f}, learned "
+            f"{whole['learned'].rmse_deg:.3f}, floor {whole['told'].rmse_deg:.3f} deg: "
+            f"{over.value:.4f} ({over.low:.4f} to {over.high:.4f}), NSE {whole['learned'].nse:.3f}"
+        )
+        report.summary[f"{protocol}_over_floor"] = over.high
+
+
+def presets(report: Report, minutes: list[float]) -> None:
+    """The paper's first future question: which class of sensor gains?"""
+    report.line()
+    report.line("every preset as its file says, static, 240 s: RMSE, degrees")
+    report.line(
+        "sensor        mean     learned  floor told the unit   learned/floor   learned/mean"
+    )
+    found = {}
+    for name in tqdm(CASES["presets"], "presets", leave=False):
+        case = Case(f"preset_{name}", (f"imu={name}",), CASES["preset_steps"])
+        tested, (learned, took) = case.tested(), case.trained()
+        minutes.append(took)
+        s = tested.scores(learned, 240.0)
+        over = s["learned"].over(s["told"])
+        gain = s["learned"].over(s["mean"])
+        found[name] = gain.value
+        rmse = "  ".join(f"{s[of].rmse_deg:10.3f}" for of in ("mean", "learned", "told"))
+        report.line(f"{name:12s} {rmse}        {over.value:.3f}           {gain.value:.3f}")
+    report.summary["learned_over_mean_by_preset"] = found
+
+
+def latency(report: Report, learned: Learned, records: Sequence[Record]) -> None:
+    window = first(records[:1], 240.0)
+    times = []
+    for _ in range(200):
+        started = time.perf_counter()
+        learned(window)
+        times.append(time.perf_counter() - started)
+    report.summary["torch_latency_240s_ms"] = 1e3 * float(np.median(times))
+    report.line()
+    report.line(f"one 240 s window of 5 s means, base and features included, PyTorch: "
+                f"{1e3 * np.median(times):.2f} ms (published: 3.99, 7.81, 26.62)")  # fmt: skip
+
+
+def main() -> None:
+    minutes: list[float] = []
+    calibration = Calibration()
+    with Report("studies/learning") as report:
+        by_share(report, minutes, calibration)
+        unseen_units(report, minutes, calibration)
+        turned(report, minutes, calibration)
+        calibration.report(report)
+        presets(report, minutes)
+        report.summary["train_minutes_median"] = float(np.median(minutes))
+    shutil.rmtree(DIRECTORY / "data")
+
+
+if __name__ == "__main__":
+    main()
