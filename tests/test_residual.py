@@ -1,0 +1,194 @@
+"""Corrections to a classical estimate, the von Mises head, windows drawn afresh, and resuming."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from helpers import composed, default_config, generate
+from scipy.special import i0e
+
+import lbgc.train
+from lbgc.data.store import Dataset
+from lbgc.data.windows import Windows, stack
+from lbgc.errors import InputError
+from lbgc.estimators.static import mean
+from lbgc.frames import wrap
+from lbgc.learning import trainer
+from lbgc.learning.estimator import Learned
+from lbgc.learning.loss import von_mises_nll
+from lbgc.learning.model import ModelConfig, make, moments, von_mises_sigma
+from lbgc.learning.residual import inputs
+from lbgc.learning.stream import Streamed
+from lbgc.sensor.batch import Lasting, measure_means
+from lbgc.train import TrainConfig
+
+POOL = ModelConfig("pool", "pool", output="vonmises", base="mean")
+GYRO = default_config().imu.gyro.triad()
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory) -> Dataset:
+    """Level, static, its whole bias the unit's."""
+    bias = ("imu.gyro.bias_run_deg_per_h=0", "imu.gyro.bias_unit_deg_per_h=1", "protocol=static")
+    config = default_config(*bias)
+    path = tmp_path_factory.mktemp("residual") / "d.zarr"
+    return generate(path, imu=config.imu, protocol=config.protocol, recordings=300,
+                    duration_s=60.0, output="means", split=[60, 40, 0])  # fmt: skip
+
+
+def recordings(dataset: Dataset, split: str = "train") -> Windows:
+    return stack(dataset.records(dataset.in_split(split)), 0.2)
+
+
+def trained(dataset: Dataset, home, monkeypatch, *options: str):
+    home.mkdir(exist_ok=True)
+    monkeypatch.chdir(home)
+    data = f"data={dataset.path}"
+    return lbgc.train.main(composed(TrainConfig, "train", data, "experiment=residual", *options))
+
+
+def test_the_likelihood_is_von_mises_density():
+    """Against SciPy's scaled Bessel function; and it survives errors of an arcsecond."""
+    truth, kappa = torch.tensor([10.0, 359.0, -90.0]), torch.tensor([0.1, 30.0, 5e9])
+    off = torch.tensor([70.0, 2.0, 0.0])
+    for t, k, e in zip(truth, kappa, off, strict=True):
+        k64, e64 = float(k), np.deg2rad(float(e))
+        expected = np.log(2 * np.pi * i0e(k64)) + k64 * (1 - np.cos(e64))
+        got = von_mises_nll(t[None], t[None] - e + 360.0, torch.log(k)[None])
+        assert float(got) == pytest.approx(expected, rel=1e-4)
+
+
+def test_its_gradient_in_the_concentration_is_right_where_it_is_narrow():
+    """d/d(log kappa) at no error is -1/2 + O(1/kappa): what float32 would lose."""
+    log_kappa = torch.full((1,), 20.0, requires_grad=True)
+    von_mises_nll(torch.zeros(1), torch.zeros(1), log_kappa).backward()
+    assert float(log_kappa.grad) == pytest.approx(-0.5, abs=1e-5)
+
+
+def test_sigma_is_the_densitys_rms_angle():
+    found = von_mises_sigma(torch.log(torch.tensor([1e-6, 1e6])).double()).numpy()
+    np.testing.assert_allclose(found, [np.pi / np.sqrt(3), 1e-3], rtol=1e-4)
+    angle = np.linspace(-np.pi, np.pi, 20_001)
+    density = np.exp(2 * np.cos(angle))
+    expected = np.sqrt(np.sum(density * angle**2) / np.sum(density))
+    assert float(von_mises_sigma(torch.log(torch.tensor([2.0])))) == pytest.approx(
+        expected, rel=1e-3
+    )
+
+
+def test_an_untrained_correction_is_none(dataset):
+    """Its last layers start at zero: the heading is the base's, whatever the cell."""
+    windows = recordings(dataset)
+    for cell in ("pool", "lstm", "gru", "rnn"):
+        net = make(replace(POOL, cell=cell), 1)
+        x, base = inputs(net.config, windows, None)
+        off = net.heading_deg(net(torch.from_numpy(x))).detach()
+        np.testing.assert_array_equal(off.numpy(), 0.0)
+        np.testing.assert_allclose(wrap(base - mean(windows).heading), 0.0, atol=1e-12)
+
+
+def test_a_turned_window_points_north(dataset):
+    """The mean rate to the east is zero by the base's making; the body's residual is that of a
+    known heading, turned."""
+    windows = recordings(dataset)
+    x, base = inputs(POOL, windows, None)
+    assert x.shape == (len(windows), 12, POOL.features)
+    east = x[..., 1].mean(axis=1)
+    np.testing.assert_allclose(east, 0.0, atol=2e-3)  # the sine of the lean's own turn
+    north, right = x[..., 0].mean(axis=1), x[..., 4].mean(axis=1)
+    np.testing.assert_allclose(right, -np.sin(base) * north, atol=2e-3)
+    np.testing.assert_allclose(x[:, 0, -3], np.sin(base), rtol=1e-6)
+
+
+def test_moments_are_legendres():
+    t = (2 * torch.arange(40) + 1) / 40 - 1
+    found = moments((3 * t**2 - 1)[None, :, None] / 2)[0]
+    np.testing.assert_allclose(found.numpy(), [0.0, 0.0, 0.2, 0.0], atol=2e-3)
+
+
+def test_many_at_once_have_the_law_of_one_by_one(rng):
+    """Covariance over a recording's blocks of 4,000 draws against the same of `Triad`'s own:
+    each variance is known to 2.2%, so five sigma of a ratio is 16%."""
+    n, dt, block, count = 6, 1 / 600, 3000, 4000
+    none = np.zeros((count, 3, 3))
+    lasting = Lasting(none[:, 0] + 1e-6, none, none, none[:, 0], none[:, 0])
+    truth = np.zeros((count, n, 3))
+    many = measure_means(GYRO, rng, truth, lasting, dt, block)
+    one = np.empty((count, n, 3))
+    unit = GYRO.draw_unit(rng)
+    clean = replace(unit, bias_unit=np.full(3, 1e-6), matrix=np.zeros((3, 3)))
+    for row in one:
+        errors = GYRO.draw_run(rng, clean, np.zeros(3))
+        row[:] = GYRO.measure_means(rng, np.zeros((3, 1)), errors, n, dt, block).T
+    for axis in range(3):
+        spread = [np.cov(v[..., axis].T) for v in (many, one)]
+        np.testing.assert_allclose(np.diag(spread[0]), np.diag(spread[1]), rtol=0.16)
+        np.testing.assert_allclose(spread[0][0, -1], spread[1][0, -1], rtol=0.16)
+    bias = np.array(GYRO.bias_run)
+    np.testing.assert_allclose(many.mean(axis=(0, 1)), 1e-6, atol=float(6 * bias.max() / 63))
+
+
+def test_a_streamed_bench_is_the_stored_one(tmp_path):
+    """A noiseless sensor on a carousel: what is drawn at a recording's own heading is what was
+    stored, where the plate turns steadily; lever arm and tilt included."""
+    config = default_config("imu=ideal", "protocol=carousel", "scene.base_roll_deg=1")
+    made = generate(tmp_path / "d.zarr", imu=config.imu, protocol=config.protocol,
+                    scene=config.scene, recordings=2, duration_s=20.0, output="means", mean_s=1.0,
+                    split=[1, 0, 0])  # fmt: skip
+    stored = stack(made.records(np.arange(2)), 1.0)
+    source = Streamed.of(made, np.arange(2), stored)
+    rate, force = source._truth(np.arange(2), stored.heading)
+    inside = slice(2, -2)
+    np.testing.assert_allclose(rate[:, inside], stored.gyro[:, inside], atol=3e-7)
+    np.testing.assert_allclose(force[:, inside], stored.accel[:, inside], atol=1e-4)
+
+
+def test_a_moving_bench_cannot_be_streamed(tmp_path):
+    config = default_config("scene=moored")
+    made = generate(tmp_path / "d.zarr", scene=config.scene, recordings=2, duration_s=20.0,
+                    output="means", split=[1, 0, 0])  # fmt: skip
+    with pytest.raises(InputError, match="draws a bench that stands still"):
+        Streamed.of(made, np.arange(2), stack(made.records(np.arange(2)), 0.2))
+
+
+def test_a_correction_learns_what_repeats_and_says_how_sure_it_is(dataset, tmp_path, monkeypatch):
+    """120 held-out recordings, 60 s, each window a third of the mean's error at most, and errors
+    over sigma of 1: chi-square of 120 has a deviation of 13%, five of them 65%."""
+    options = ("steps=150", "validate_every=50", "windows_s=[20,60]")
+    learned = Learned.load(trained(dataset, tmp_path / "a", monkeypatch, *options))
+    windows = recordings(dataset, "validation")
+    found = learned(windows)
+    error = wrap(found.heading - windows.heading)
+    plain = wrap(mean(windows).heading - windows.heading)
+    assert np.mean(error**2) < 0.25 * np.mean(plain**2)
+    assert 0.35 < np.mean((error / found.sigma) ** 2) < 1.65
+
+
+def test_a_killed_training_ends_with_the_same_weights(dataset, tmp_path, monkeypatch):
+    """Killed at step 17, checkpointed at 10: the same bytes and the same history."""
+    options = ("steps=24", "validate_every=4", "checkpoint_every=10", "batch=32")
+    whole = trained(dataset, tmp_path / "whole", monkeypatch, *options).resolve()
+    step = trainer.Trainer._train
+
+    def killed(self):
+        if self.step == 17:
+            raise KeyboardInterrupt
+        return step(self)
+
+    monkeypatch.setattr(trainer.Trainer, "_train", killed)
+    with pytest.raises(KeyboardInterrupt):
+        trained(dataset, tmp_path / "cut", monkeypatch, *options)
+    (left,) = (tmp_path / "cut/outputs/train").glob("*")
+    assert (left / "checkpoint.safetensors").exists()
+    monkeypatch.setattr(trainer.Trainer, "_train", step)
+    run = trained(dataset, tmp_path / "cut", monkeypatch, *options).resolve()
+    for name in ("model.safetensors", "history.csv"):
+        assert (run / name).read_bytes() == (whole / name).read_bytes()
+    assert not (run / "checkpoint.safetensors").exists()
+
+
+def test_training_ends_where_nothing_gets_better(dataset, tmp_path, monkeypatch):
+    options = ("steps=200", "validate_every=1", "patience=3", "learning_rate=1e-12", "batch=8")
+    run = trained(dataset, tmp_path / "early", monkeypatch, *options)
+    assert len((run / "history.csv").read_text().splitlines()) < 100
