@@ -41,6 +41,7 @@ ENTRY_POINTS = (
     "lbgc/fit.py",
     "lbgc/calibrate.py",
     "lbgc/train.py",
+    "lbgc/export.py",
     "lbgc/evaluate.py",
     "sim/generate.py",
     "sim/scene.py",
@@ -59,7 +60,8 @@ ROOMS = {
     "omegaconf": {"lbgc/errors.py"},
     "allantools": {"lbgc/sensor/allan.py"},
     "torch": {"lbgc/learning/model.py", "lbgc/learning/loss.py", "lbgc/learning/estimator.py",
-              "lbgc/learning/trainer.py", "lbgc/learning/checkpoint.py"},
+              "lbgc/learning/trainer.py", "lbgc/learning/checkpoint.py",
+              "lbgc/learning/onnx.py"},
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr"), ("sim/generate.py", "mujoco")}
 FILM_MAKING = {("sim/render.py", "matplotlib")}

@@ -42,14 +42,14 @@ class Learned:
         trained_on: ImuModel | None = None,
     ):
         self.config, self.rate_hz, self.sensor = config, rate_hz, sensor
-        self._compute, self._trained_on = compute, trained_on
+        self.compute, self._trained_on = compute, trained_on
 
     @classmethod
     def load(cls, run: str | Path) -> "Learned":
         """From a run's directory. Raises InputError where there is no whole model."""
         net, said = load_net(run)
         config = net.config
-        return cls.described(config, lambda x: _torch(net, x), said)
+        return cls.described(config, lambda x: compute_torch(net, x), said)
 
     @classmethod
     def described(
@@ -87,7 +87,7 @@ class Learned:
         heading, sigma = np.empty(len(windows)), np.empty(len(windows))
         for first in range(0, len(windows), _BATCH):
             part = slice(first, first + _BATCH)
-            heading[part], sigma[part] = self._compute(x[part])
+            heading[part], sigma[part] = self.compute(x[part])
         return Estimate(wrap(base + heading), sigma)
 
     def _check_alive(self, windows: Windows) -> None:
@@ -125,7 +125,8 @@ def load_net(run: str | Path) -> tuple[HeadingNet, dict[str, Any]]:
 
 
 @torch.inference_mode()
-def _torch(net: HeadingNet, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_torch(net: HeadingNet, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(heading less the base's, sigma or NaN), both (W,), rad, of features (W, T, C)."""
     raw = net(torch.from_numpy(x))
     heading = np.deg2rad(net.heading_deg(raw).double().numpy())
     if net.config.output != "vonmises":

@@ -1,0 +1,60 @@
+"""Write a trained network as ONNX, and check it against PyTorch.
+
+python lbgc/export.py run=RUN
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lbgc.errors import InputError, require, run_main
+from lbgc.learning import onnx
+from lbgc.learning.estimator import compute_torch, load_net
+from lbgc.sensor import streams
+
+AGREES = 1e-5
+_SHAPES = ((1, 2), (5, 12), (2, 48))
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """What `conf/export.yaml` holds."""
+
+    run: str | None = None
+    """A training run's directory."""
+    out: str | None = None
+    """The file; null: model.onnx in the run's directory."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.run), "run", self.run, "must be a training run's directory")
+
+
+def main(config: ExportConfig) -> Path:
+    """Export, check at several batches and lengths, and return the file's path.
+
+    Raises InputError where the two differ by more than 1e-5 rad.
+    """
+    assert config.run is not None
+    net, said = load_net(config.run)
+    file = Path(config.out or Path(config.run) / "model.onnx")
+    partial = file.with_name(f".{file.name}.partial")
+    onnx.write(net, said, partial)
+    exported = onnx.load(partial)
+    rng = streams.figures()
+    worst = 0.0
+    for windows, samples in _SHAPES:
+        size = 0.1 * np.ones(net.config.features)
+        x = (size * rng.standard_normal((windows, samples, len(size)))).astype(np.float32)
+        for ours, theirs in zip(compute_torch(net, x), exported.compute(x), strict=True):
+            worst = max(worst, float(np.nanmax(np.abs(ours - theirs), initial=0.0)))
+    if worst > AGREES:
+        partial.unlink()
+        raise InputError("run", config.run, "", f"differs by {worst:.2g} rad as ONNX")
+    partial.replace(file)
+    print(f"ONNX Runtime and PyTorch agree to {worst:.1g} rad")
+    return file
+
+
+if __name__ == "__main__":
+    run_main(main, ExportConfig, "export")

@@ -1,0 +1,77 @@
+"""A trained network as ONNX: features in, heading and sigma out, any batch and window length."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from lbgc.errors import InputError, build
+from lbgc.learning.estimator import Learned
+from lbgc.learning.model import HeadingNet, ModelConfig, von_mises_sigma
+
+INPUT, OUTPUTS = "features", ("heading", "sigma")
+_SAID = "lbgc"
+_EXAMPLE = (3, 7)
+"""Windows and samples that the graph is traced with: neither 1 nor alike, so both stay free."""
+
+
+class _Graph(nn.Module):
+    """Features (W, T, C) to the heading less the base's and its sigma, rad, (W,); NaN for a network
+    that states none."""
+
+    def __init__(self, net: HeadingNet):
+        super().__init__()
+        self.net = net
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        raw = self.net(x)
+        heading = torch.deg2rad(self.net.heading_deg(raw))
+        if self.net.config.output != "vonmises":
+            return heading, heading * float("nan")
+        return heading, von_mises_sigma(self.net.log_kappa(raw))
+
+
+def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
+    """said : the run's description, which the file then carries. Raises InputError where the
+    packages for it are missing."""
+    onnx = _needed("onnx")
+    _needed("onnxscript")
+    x = torch.zeros(*_EXAMPLE, net.config.features)
+    axes = ({0: torch.export.Dim("windows"), 1: torch.export.Dim("samples", min=2)},)
+    program = torch.onnx.export(
+        _Graph(net).eval(), (x,), input_names=[INPUT], output_names=list(OUTPUTS),
+        dynamic_shapes=axes, dynamo=True, verbose=False,
+    )  # fmt: skip
+    assert program is not None
+    model = program.model_proto
+    entry = model.metadata_props.add()
+    entry.key, entry.value = _SAID, json.dumps(dict(said))
+    onnx.checker.check_model(model)
+    onnx.save(model, file)
+
+
+def load(file: str | Path) -> Learned:
+    """An exported network as an estimator, run by ONNX Runtime. Raises InputError."""
+    runtime = _needed("onnxruntime")
+    if not Path(file).is_file():
+        raise InputError("file", file, "", "is not there; python lbgc/export.py run=RUN makes one")
+    session = runtime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
+    said = json.loads(session.get_modelmeta().custom_metadata_map[_SAID])
+
+    def compute(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        heading, sigma = session.run(None, {INPUT: x})
+        return heading.astype(np.float64), sigma.astype(np.float64)
+
+    return Learned.described(build(ModelConfig, said["model"]), compute, said)
+
+
+def _needed(package: str) -> Any:
+    try:
+        return __import__(package)
+    except ImportError as error:
+        what = "is not installed: python -m pip install 'lbgc[onnx]' (or onnx onnxscript "
+        raise InputError("package", package, "", what + "onnxruntime) brings it") from error
