@@ -42,6 +42,7 @@ ENTRY_POINTS = (
     "lbgc/calibrate.py",
     "lbgc/train.py",
     "lbgc/export.py",
+    "lbgc/compare.py",
     "lbgc/evaluate.py",
     "sim/generate.py",
     "sim/scene.py",

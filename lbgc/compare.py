@@ -1,0 +1,141 @@
+"""One table of a sweep's training runs: size, error with its spread over seeds, latency.
+
+python lbgc/compare.py runs=outputs/train
+"""
+
+import csv
+import io
+import json
+import time
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lbgc.errors import InputError, require, run_main
+from lbgc.learning.estimator import DESCRIPTION, FORMAT, compute_torch, load_net
+from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+
+_REPEATS = 20
+
+
+@dataclass(frozen=True)
+class CompareConfig:
+    """What `conf/compare.yaml` holds."""
+
+    runs: str = "outputs/train"
+    """Directory of training runs."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.runs), "runs", self.runs, "must be a directory of training runs")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Runs that differ in nothing but their seed."""
+
+    model: str
+    dataset: str
+    changed: str
+    """What of the training's configuration differs from another row's, key=value."""
+    parameters: int
+    seeds: int
+    rmse_deg: float
+    """Mean over seeds of the validation RMSE over all window lengths, against the reference."""
+    spread_deg: float
+    """Standard deviation over seeds; NaN for one."""
+    latency_ms: float
+    """Of one window of the longest length, median, on this machine."""
+
+
+def main(config: CompareConfig) -> Path:
+    """Print the table, write it as CSV, and return its path."""
+    found = runs(Path(config.runs))
+    rows = compare(found)
+    print(table(rows))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(vars(rows[0]))
+    writer.writerows(vars(row).values() for row in rows)
+    directory = task_directory("compare", fingerprint({"runs": sorted(str(d) for d, _ in found)}))
+    write_atomically(directory / "runs.csv", out.getvalue())
+    mark_latest(directory)
+    return directory / "runs.csv"
+
+
+def runs(directory: Path) -> list[tuple[Path, dict[str, Any]]]:
+    """Finished runs of this format, with their descriptions. Raises InputError where there is
+    none; a training that has not ended has no description, and is left out."""
+    files = [f for f in sorted(directory.glob(f"*/{DESCRIPTION}")) if not f.parent.is_symlink()]
+    said = [(file.parent, json.loads(file.read_text())) for file in files]
+    good = [(run, description) for run, description in said if description["format"] == FORMAT]
+    if not good:
+        raise InputError("runs", directory, "", "holds no finished training run")
+    return good
+
+
+def compare(found: list[tuple[Path, dict[str, Any]]]) -> list[Row]:
+    groups: dict[str, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
+    for run, said in found:
+        content = {k: v for k, v in _flat(said["training"]).items() if k not in ("seed", "data")}
+        groups[json.dumps([said["dataset"], content], sort_keys=True)].append((run, said))
+    contents = [_flat(own[0][1]["training"]) for own in groups.values()]
+    same = {"seed", "data", "model.name"}
+    differing = {
+        key for c in contents for key in c if any(o.get(key) != c[key] for o in contents)
+    } - same
+    rows = []
+    for own, content in zip(groups.values(), contents, strict=True):
+        errors = [said["best_validation_deg"] for _, said in own]
+        run, said = own[0]
+        changed = " ".join(f"{key}={content[key]}" for key in sorted(differing))
+        spread = float(np.std(errors, ddof=1)) if len(errors) > 1 else float("nan")
+        rows.append(
+            Row(said["model"]["name"], said["dataset"], changed, said["parameters"], len(own),
+                float(np.mean(errors)), spread, _latency_ms(run, said))
+        )  # fmt: skip
+    return sorted(rows, key=lambda row: (row.dataset, row.rmse_deg))
+
+
+def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested keys joined by dots."""
+    flat: dict[str, Any] = {}
+    for key, value in content.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def _latency_ms(run: Path, said: dict[str, Any]) -> float:
+    net, _ = load_net(run)
+    steps = round(max(said["training"]["windows_s"]) * said["rate_hz"])
+    x = np.zeros((1, steps, net.config.features), np.float32)
+    taken = []
+    for _ in range(_REPEATS):
+        started = time.perf_counter()
+        compute_torch(net, x)
+        taken.append(time.perf_counter() - started)
+    return float(1e3 * np.median(taken))
+
+
+def table(rows: list[Row]) -> str:
+    lines = [
+        "validation RMSE over all window lengths, degrees; latency of one window, ms",
+        f"{'model':16s} {'parameters':>10s} {'seeds':>5s} {'RMSE':>8s} {'spread':>8s} "
+        f"{'latency':>8s}  what differs",
+    ]
+    for r in rows:
+        spread = "-" if np.isnan(r.spread_deg) else f"{r.spread_deg:.3f}"
+        lines.append(
+            f"{r.model:16s} {r.parameters:10d} {r.seeds:5d} {r.rmse_deg:8.3f} {spread:>8s} "
+            f"{r.latency_ms:8.2f}  {r.changed}"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    run_main(main, CompareConfig, "compare")

@@ -1,0 +1,51 @@
+"""A sweep's table: runs that differ in their seed alone share a row."""
+
+import json
+from dataclasses import asdict
+
+import pytest
+from safetensors.torch import save_file
+
+from lbgc.compare import CompareConfig, compare, main, runs
+from lbgc.errors import InputError
+from lbgc.learning.model import ModelConfig, make
+from lbgc.train import TrainConfig
+
+
+def finished(home, name: str, seed: int, hidden: int, error: float) -> None:
+    model = ModelConfig(name, hidden=hidden, layers=1)
+    said = {
+        "format": 2,
+        "model": asdict(model),
+        "training": asdict(TrainConfig(data="x", seed=seed, model=model)),
+        "dataset": "one",
+        "rate_hz": 0.2,
+        "parameters": 1000 * hidden,
+        "best_validation_deg": error,
+    }
+    run = home / f"{name}{seed}"
+    run.mkdir(parents=True)
+    (run / "model.json").write_text(json.dumps(said))
+    save_file(make(model, seed).state_dict(), run / "model.safetensors")
+
+
+def test_seeds_share_a_row(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for seed, error in ((1, 2.0), (2, 4.0)):
+        finished(tmp_path / "t", "small", seed, 4, error)
+    finished(tmp_path / "t", "large", 1, 8, 1.0)
+    (tmp_path / "t" / "unfinished").mkdir()
+    large, small = compare(runs(tmp_path / "t"))
+    assert (large.model, large.seeds, large.changed) == ("large", 1, "model.hidden=8")
+    assert (small.seeds, small.rmse_deg) == (2, 3.0)
+    assert small.spread_deg == pytest.approx(2**0.5)
+    assert small.parameters == 4000
+    assert small.latency_ms > 0
+    path = main(CompareConfig("t"))
+    assert len(path.read_text().splitlines()) == 3
+    assert "small" in capsys.readouterr().out
+
+
+def test_no_runs_are_an_error(tmp_path):
+    with pytest.raises(InputError, match="holds no finished training run"):
+        runs(tmp_path)
