@@ -6,6 +6,7 @@ it, and however often, the bytes are the same. What a lost worker had begun is d
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -86,7 +87,7 @@ def _by_processes(
         except BaseException:
             # Whatever else: nobody waits for the shards that were begun.
             for child in active_children():
-                child.kill()
+                child.terminate()
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
@@ -95,6 +96,8 @@ def _by_processes(
 def _start_worker() -> None:
     """An interruption is the parent's to handle; with a parent that is killed a worker ends too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Told to end it gives up its task, but leaves as it should: its semaphores go with it.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

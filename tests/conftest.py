@@ -12,6 +12,7 @@ import lbgc.bound
 import lbgc.calibrate
 import lbgc.evaluate
 import lbgc.fit
+import lbgc.info
 import lbgc.train
 import sim.generate
 import sim.render
@@ -25,6 +26,7 @@ ENTRY_POINTS = {
     "lbgc.bound": (lbgc.bound.main, lbgc.bound.BoundConfig, "bound"),
     "lbgc.fit": (lbgc.fit.main, lbgc.fit.FitConfig, "fit"),
     "lbgc.calibrate": (lbgc.calibrate.main, lbgc.calibrate.CalibrateConfig, "calibrate"),
+    "lbgc.info": (lbgc.info.main, lbgc.info.InfoConfig, "info"),
     "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),
     "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),
 }

@@ -39,6 +39,7 @@ MAY_IMPORT = {
 ENTRY_POINTS = (
     "lbgc/bound.py",
     "lbgc/fit.py",
+    "lbgc/info.py",
     "lbgc/calibrate.py",
     "lbgc/train.py",
     "lbgc/export.py",
@@ -170,6 +171,7 @@ def test_the_configuration_files_mirror_the_dataclasses():
     from lbgc.data.logs import LogConfig
     from lbgc.errors import build
     from lbgc.evaluate import EvaluateConfig
+    from lbgc.info import InfoConfig
     from lbgc.learning.model import ModelConfig
     from lbgc.protocol import ProtocolConfig
     from lbgc.sensor.datasheet import AccelConfig, GyroConfig, ImuConfig
@@ -189,6 +191,7 @@ def test_the_configuration_files_mirror_the_dataclasses():
         "generate": GenerateConfig,
         "train": TrainConfig,
         "evaluate": EvaluateConfig,
+        "info": InfoConfig,
         "scene_view": ViewConfig,
     }
     for name, config in entry_points.items():

@@ -1,19 +1,29 @@
 """Nothing lost: whatever happens to a dataset's files is noticed, named, refused and mended."""
 
+import errno
+import os
 import shutil
+import signal
 import subprocess
+import sys
+import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from corruption import KINDS, flip
+from helpers import ROOT, generate
 
 from lbgc.data import manifest, store
 from lbgc.data.documents import DOCUMENTS, Layout
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError
+from lbgc.info import as_override
 from lbgc.outputs import fingerprint
+from sim.cluster import ClusterConfig, finished
 
 LAYOUT = Layout(20, 4200, 50.0, {"gyro": 1e-6, "accel": 1e-5})
 """Two shards of several chunks each."""
@@ -157,3 +167,135 @@ def test_a_schema_has_one_content():
     """Another content is another schema: give it the next number, and say so in the CHANGELOG."""
     content = {name: vars(variable) for name, variable in VARIABLES.items()}
     assert (SCHEMA, fingerprint(content)) == (3, "c4f91051c2cd89f3")
+
+
+@pytest.mark.parametrize("url", ["memory://test_faults/d.zarr", "file://{}/d.zarr"])
+def test_a_url_holds_the_same_dataset(url, whole, tmp_path):
+    made = finish(url.format(tmp_path), {"a": 1})
+    assert made.digest() == Dataset.open_finished(whole).digest()
+    names = made.place.names()
+    assert {name: made.place.read(name) for name in names} == contents(whole)
+    made.place.remove("gyro/c/1/0/0")
+    with pytest.raises(InputError, match="shards 1 are not as they were written"):
+        Dataset.open_finished(url.format(tmp_path))
+
+
+SIZE = ("recordings=40", "rate_hz=25", "duration_s=200", "out=d.zarr")
+"""Three shards."""
+
+
+def started(path: Path, *options: str) -> subprocess.Popen:
+    """Generation in a process of its own, its first shard finished."""
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "sim/generate.py"), *SIZE, *options],
+        cwd=path,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"MUJOCO_GL": "disable"},
+    )
+    while not list((path / "d.zarr/manifest/stored/c").glob("*/0")):
+        assert process.poll() is None
+        time.sleep(0.01)
+    return process
+
+
+@pytest.fixture(scope="module")
+def digest(tmp_path_factory) -> str:
+    changes = {"recordings": 40, "rate_hz": 25.0, "duration_s": 200.0}
+    return generate(tmp_path_factory.mktemp("whole") / "d.zarr", **changes).digest()
+
+
+@pytest.mark.parametrize("options", [(), ("cluster=local", "cluster.workers=2")])
+def test_interrupted_it_says_one_line_and_goes_on(options, cli, tmp_path, digest):
+    process = started(tmp_path, *options)
+    process.send_signal(signal.SIGSTOP)  # it is there, and does nothing
+    second = cli("sim.generate", *SIZE)
+    assert second.code == 2
+    assert "is being written by another process" in second.err
+    process.send_signal(signal.SIGCONT)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    last = said.replace("\r", "\n").strip().splitlines()[-1]
+    assert last == "interrupted; run the same command again to go on"
+    assert "Traceback" not in said
+    if not options:  # workers were not stopped, and may have finished meanwhile
+        with pytest.raises(InputError, match="is not finished"):
+            Dataset.open_finished(tmp_path / "d.zarr")
+    assert cli("sim.generate", *SIZE).code == 0
+    assert Dataset.open_finished(tmp_path / "d.zarr").digest() == digest
+
+
+def test_a_full_disk_is_named_and_what_is_finished_stays(cli, tmp_path, monkeypatch, digest):
+    put = zarr.storage._local._put
+
+    def full(path, value, exclusive=False):
+        if path.parts[-4:] == ("c", "1", "0", "0"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return put(path, value, exclusive)
+
+    monkeypatch.setattr(zarr.storage._local, "_put", full)
+    done = cli("sim.generate", *SIZE)
+    assert done.code == 2
+    assert "cannot be written (No space left on device); what is finished stays good" in done.err
+    assert "Traceback" not in done.err
+    unfinished = Dataset.open(tmp_path / "d.zarr")
+    assert (unfinished.missing_shards(), unfinished.damaged_shards()) == ([1, 2], [])
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    assert cli("sim.generate", *SIZE).code == 0
+    assert Dataset.open_finished(tmp_path / "d.zarr").digest() == digest
+
+
+def killing(path: str, shard: int) -> None:
+    """A task whose worker is lost at the first attempt."""
+    mark = Path(path) / str(shard)
+    if shard == 1 and not mark.exists():
+        mark.touch()
+        os._exit(9)
+    mark.touch()
+
+
+def hopeless(shard: int) -> None:
+    os._exit(9)
+
+
+def test_a_lost_workers_shard_is_done_again_but_not_for_ever(tmp_path):
+    local = ClusterConfig("local", workers=1)
+    assert sorted(finished(local, partial(killing, str(tmp_path)), range(3))) == [0, 1, 2]
+    with pytest.raises(InputError, match=r"cluster\.workers = 1: workers keep being killed"):
+        list(finished(local, hopeless, range(2)))
+
+
+def test_a_cluster_says_what_it_needs(cli, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    asked = ("cluster=dask", "cluster.address=tcp://localhost:1")
+    assert "pip install 'lbgc[dask]'" in cli("sim.generate", *SIZE, *asked).err
+    assert "is for cluster=local" in cli("sim.generate", *SIZE, "cluster.workers=2").err
+    in_memory = cli("sim.generate", *SIZE[:3], "out=memory://d.zarr", "cluster=local")
+    assert "is this process's alone" in in_memory.err
+
+
+def test_info_says_what_is_there(cli, copy, whole):
+    said = cli("lbgc.info", f"data={whole}")
+    assert (said.code, Path(said.last_line).suffix) == (0, ".png")
+    assert "finished, every file as it was written" in said.out
+    assert "recordings   20 of 84 s" in said.out
+    (copy / "gyro/c/0/0/0").unlink()
+    shutil.rmtree(copy / "manifest/digest/c/1")
+    said = cli("lbgc.info", f"data={copy}")
+    assert said.code == 0
+    assert "damaged      0;" in said.out
+    assert "missing      1;" in said.out
+    flip(copy / "lost/zarr.json", np.random.default_rng(1))
+    assert "damaged metadata: lost/zarr.json" in cli("lbgc.info", f"data={copy}").out
+    assert cli("lbgc.info", "data=nowhere").code == 2
+
+
+def test_info_takes_a_path_as_typed(tmp_path):
+    odd = tmp_path / "a=b"
+    odd.mkdir()
+    assert as_override(["some/d.zarr", "lines=3"]) == ["data='some/d.zarr'", "lines=3"]
+    assert as_override([str(odd)]) == [f"data='{odd}'"]
+    for untouched in ([], ["--help"], ["data=x"]):
+        assert as_override(untouched) == untouched

@@ -19,6 +19,7 @@ SMALLER = {
     "lbgc/fit.py": [],
     "lbgc/bound.py": ["windows_s=[30]"],
     "lbgc/calibrate.py": [],
+    "lbgc/info.py": [],
 }
 NEEDS = {"log=lasergyro": "lasergyro.imu"}
 

@@ -173,6 +173,33 @@ def strips(
     return figure, list(rows)
 
 
+def dataset_overview(
+    headings: np.ndarray, t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, angle: np.ndarray
+) -> Figure:
+    """Headings (R,), rad, round the circle; and one recording: t (T,), s; gyro (T, 3), rad/s; accel
+    (T, 3), m/s^2; angle (T,), rad."""
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    north_up = {"theta_direction": -1, "theta_offset": np.pi / 2}
+    circle = figure.add_subplot(2, 2, 1, projection="polar", **north_up)
+    counts, edges = np.histogram(np.mod(headings, 2 * np.pi), 36, (0, 2 * np.pi))
+    circle.bar(edges[:-1], counts, width=np.pi / 18, align="edge", color=AXIS_COLOURS[2])
+    circle.set_title("recordings by heading")
+    every = max(1, len(t) // 2000)
+    for place, (name, values) in enumerate(
+        (
+            ("gyro, deg/h", np.rad2deg(gyro) * 3600),
+            ("accelerometer, m/s\u00b2", accel),
+            ("plate, deg", np.rad2deg(angle)[:, None]),
+        )
+    ):
+        axes = figure.add_subplot(2, 2, place + 2)
+        for axis, colour in enumerate(AXIS_COLOURS[: values.shape[1]]):
+            axes.plot(t[::every], values[::every, axis], color=colour, linewidth=0.8)
+        axes.set(title=f"first recording: {name}", xlabel="s")
+        axes.grid(True, color="0.92", linewidth=0.5)
+    return figure
+
+
 def _plain_y_ticks(axes: Axes) -> None:
     axis = axes.yaxis
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))

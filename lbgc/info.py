@@ -1,0 +1,147 @@
+"""Say what a dataset holds, finished or not, and what of it is damaged or missing.
+
+python lbgc/info.py PATH
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lbgc.data import manifest, store
+from lbgc.data.schema import SPLITS, VARIABLES
+from lbgc.data.store import Dataset
+from lbgc.errors import require, require_positive, run_main
+from lbgc.outputs import mark_latest, task_directory, write_atomically
+from lbgc.report.figures import dataset_overview, png
+
+_SECTOR_DEG = 30
+
+
+@dataclass(frozen=True)
+class InfoConfig:
+    """What `conf/info.yaml` holds."""
+
+    data: str | None = None
+    """The dataset's path or URL."""
+    lines: int = 5
+    """Samples to show of the first recording."""
+
+    def __post_init__(self) -> None:
+        require(self.data is not None, "data", self.data, "give a dataset's path")
+        require_positive("lines", self.lines)
+
+
+def main(config: InfoConfig) -> Path | None:
+    """Print what is there; returns the picture's path, where there is something to draw."""
+    assert config.data is not None
+    place = store.find(config.data)
+    damaged = store.damaged_documents(place)
+    if damaged:
+        print(f"{place}: damaged metadata: {', '.join(damaged)}; {manifest.AGAIN}")
+        print("until then its data cannot be told from damage")
+        return None
+    dataset = Dataset.open(config.data)
+    print("\n".join(_whole(dataset)))
+    missing, broken = dataset.missing_shards(), dataset.damaged_shards()
+    good = sorted(set(range(dataset.layout.shards)) - {*missing, *broken})
+    print("\n".join(_state(dataset, missing, broken)))
+    if not good:
+        return None
+    print("\n".join(_drawn(dataset, good)))
+    print("\n".join(_first_lines(dataset, good[0], config.lines)))
+    return _picture(dataset, good)
+
+
+def _whole(dataset: Dataset) -> list[str]:
+    """What the configuration says."""
+    layout, stored = dataset.layout, dataset.configuration
+    imu, protocol = stored.get("imu", {}), stored.get("protocol", {})
+    return [
+        f"{dataset.place}: dataset {dataset.identity}, schema {store.SCHEMA}",
+        f"sensor       {imu.get('name', 'unknown')}",
+        f"protocol     {protocol.get('kind', 'unknown')}",
+        f"recordings   {layout.recordings} of {layout.samples / layout.rate_hz:g} s: "
+        f"{layout.samples} values at {layout.rate_hz:g} Hz",
+        f"shards       {layout.shards} of {layout.shard} recordings at most",
+    ]
+
+
+def _state(dataset: Dataset, missing: list[int], broken: list[int]) -> list[str]:
+    """Which shards are whole, and what else is wrong."""
+    left = manifest.strays(dataset.place)
+    lines = [
+        f"{name:13s}{store.some(what)}; {manifest.AGAIN}"
+        for name, what in (("missing", missing), ("damaged", broken), ("left over", left))
+        if what
+    ]
+    return lines or ["state        finished, every file as it was written"]
+
+
+def _rows(dataset: Dataset, name: str, good: list[int]) -> np.ndarray:
+    """A label of every recording in these shards."""
+    return np.concatenate([dataset.label(name, dataset.layout.rows(s)) for s in good])
+
+
+def _drawn(dataset: Dataset, good: list[int]) -> list[str]:
+    """Splits, headings, and the range of every label and drawn value that is not always zero."""
+    split = np.bincount(_rows(dataset, "split", good), minlength=len(SPLITS))
+    heading = np.rad2deg(np.mod(_rows(dataset, "heading", good), 2 * np.pi))
+    sectors = np.histogram(heading, np.arange(0, 361, _SECTOR_DEG))[0]
+    lines = [
+        "split        " + ", ".join(f"{n} {c}" for n, c in zip(SPLITS, split, strict=True)),
+        f"headings     by {_SECTOR_DEG} deg from north: " + " ".join(map(str, sectors)),
+        "",
+        f"{'value':24s}{'unit':>16s}{'least':>12s}{'mean':>12s}{'1 sigma':>12s}{'most':>12s}",
+    ]
+    for name, variable in VARIABLES.items():
+        if "time" in variable.dims or variable.flags:
+            continue
+        values = _rows(dataset, name, good)
+        if values.any():
+            figures = (values.min(), values.mean(), values.std(), values.max())
+            shown = "".join(f"{v:12.4g}" for v in figures)
+            lines.append(f"{name:24s}{variable.units:>16s}{shown}")
+    return lines
+
+
+def _first_lines(dataset: Dataset, shard: int, count: int) -> list[str]:
+    """The first samples of a shard's first recording."""
+    first = dataset.layout.rows(shard)[0]
+    record = next(dataset.records(np.array([first])))
+    lines = [
+        "",
+        f"{record.name}: t, s; gyro, deg/h (forward, right, down); force, m/s^2; plate, deg",
+    ]
+    for i in range(min(count, len(record.gyro))):
+        gyro = "".join(f"{v:11.2f}" for v in np.rad2deg(record.gyro[i]) * 3600)
+        force = "".join(f"{v:11.5f}" for v in record.accel[i])
+        plate = np.rad2deg(record.plate_angle[i])
+        lines.append(f"{(i + 1) / record.rate_hz:9.4f}{gyro}{force}{plate:10.4f}")
+    return lines
+
+
+def _picture(dataset: Dataset, good: list[int]) -> Path:
+    record = next(dataset.records(np.array([dataset.layout.rows(good[0])[0]])))
+    t = (np.arange(len(record.gyro)) + 1) / record.rate_hz
+    headings = _rows(dataset, "heading", good)
+    figure = dataset_overview(headings, t, record.gyro, record.accel, record.plate_angle)
+    path = task_directory("info", dataset.identity) / "dataset.png"
+    write_atomically(path, png(figure))
+    mark_latest(path.parent)
+    return path
+
+
+def as_override(arguments: list[str]) -> list[str]:
+    """A first argument that is a path and no `key=value` or option, as `data='PATH'`."""
+    first, *others = arguments or [""]
+    if not first or first.startswith("-") or ("=" in first and not Path(first).exists()):
+        return arguments
+    quoted = first.replace("\\", "\\\\").replace("'", "\\'")
+    return [f"data='{quoted}'", *others]
+
+
+if __name__ == "__main__":
+    sys.argv[1:] = as_override(sys.argv[1:])
+    run_main(main, InfoConfig, "info")
