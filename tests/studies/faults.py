@@ -2,28 +2,26 @@
 
     make study-faults
 
-1. Digests made by this process and by 1, 2 and 4 others.
-2. Generation killed (SIGKILL, workers included or left to notice) at moments uniform between the
-   first shard and the finish; gone on with, the digest against an uninterrupted run's.
+1. Digests of the same dataset made by this process and by 1, 2 and 4 others.
+2. Generation killed (SIGKILL, its workers left to notice) at moments uniform between the first
+   shard and the finish; gone on with, the digest against an uninterrupted run's.
 3. Random damage, spread evenly over payload, shard index, metadata and manifest: whether reading
    refuses, and whether generating again gives back every byte.
 """
 
-import os
 import shutil
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import replace
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
 import yaml
 from common import Report
 from corruption import KINDS
-from helpers import ROOT, default_config
+from helpers import default_config
 from tqdm import tqdm
 
 import sim.generate
@@ -33,74 +31,61 @@ from lbgc.errors import InputError
 CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
 
 
-def command(out: Path, *options: str) -> list[str]:
-    script = str(ROOT / "sim/generate.py")
-    return [sys.executable, script, f"out={out}", *CASES["killed"], *options]
-
-
-def run(out: Path, *options: str) -> float:
-    """Generate in a process of its own; the seconds it took."""
-    started = time.monotonic()
-    subprocess.run(command(out, *options), check=True, capture_output=True)
-    return time.monotonic() - started
-
-
 def first_shard(out: Path) -> bool:
     return any((out / "manifest/stored/c").glob("*/0"))
 
 
-def digests(report: Report, home: Path) -> str:
-    found = {"serial": run(home / "serial.zarr")}
-    for workers in CASES["workers"]:
-        options = ("cluster=local", f"cluster.workers={workers}")
-        found[f"{workers} workers"] = run(home / f"{workers} workers.zarr", *options)
-    by = {name: Dataset.open_finished(home / f"{name}.zarr").digest() for name in found}
-    for name, digest in by.items():
-        report.line(f"{name:12s}{found[name]:6.1f} s   {digest}")
-    report.summary["digests_equal"] = len(set(by.values())) == 1
-    return by["serial"]
-
-
-def killed_once(out: Path, share: float, whole_s: float, options: tuple[str, ...]) -> bool:
-    """Start, kill at this share of the time from first shard to finish; whether it was in time."""
-    process = subprocess.Popen(
-        command(out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )  # fmt: skip
-    while not first_shard(out) and process.poll() is None:
-        time.sleep(0.005)
-    time.sleep(share * whole_s)
-    in_time = process.poll() is None
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    return in_time
-
-
-def kills(report: Report, home: Path, digest: str) -> None:
-    rng = np.random.default_rng(CASES["seed"])
-    spans = {}
-    for name, options in CASES["by"].items():
-        out = home / f"timed {name}.zarr"
-        process = subprocess.Popen(
-            command(out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        while not first_shard(out):
-            time.sleep(0.005)
+def digests(report: Report, home: Path) -> None:
+    ways = {"serial": []} | {
+        f"{n} workers": ["cluster=local", f"cluster.workers={n}"] for n in CASES["workers"]
+    }
+    found = set()
+    for name, by in ways.items():
         started = time.monotonic()
-        process.wait()
+        config = default_config(*CASES["killed"], *by)
+        made = sim.generate.main(replace(config, out=str(home / f"{name}.zarr")))
+        digest = Dataset.open_finished(made).digest()
+        report.line(f"{name:12s}{time.monotonic() - started:6.1f} s   {digest}")
+        found.add(digest)
+    report.summary["digests_equal"] = len(found) == 1
+
+
+def begin(config: sim.generate.GenerateConfig) -> BaseProcess:
+    """Generation in a process of its own, its first shard finished."""
+    process = get_context("forkserver").Process(target=sim.generate.main, args=(config,))
+    process.start()
+    while not first_shard(Path(str(config.out))) and process.is_alive():
+        time.sleep(0.005)
+    return process
+
+
+def kills(report: Report, home: Path) -> None:
+    rng = np.random.default_rng(CASES["seed"])
+    ways = {name: default_config(*CASES["killed"], *by) for name, by in CASES["by"].items()}
+    digest, spans = "", {}
+    for name, config in ways.items():
+        process = begin(replace(config, out=str(home / f"timed {name}.zarr")))
+        started = time.monotonic()
+        process.join()
         spans[name] = time.monotonic() - started
+        digest = Dataset.open_finished(home / f"timed {name}.zarr").digest()
         report.line(f"{name}: first shard to finish {spans[name]:.1f} s")
     done, different, left = 0, 0, []
+    out = home / "killed.zarr"
     with tqdm(total=CASES["kills"], desc="killing", leave=False) as bar:
         while done < CASES["kills"]:
-            name, options = list(CASES["by"].items())[done % len(CASES["by"])]
-            out = home / "killed.zarr"
+            name = list(ways)[(done + 1) % CASES["with_workers_every"] == 0]
             shutil.rmtree(out, ignore_errors=True)
-            if not killed_once(out, rng.uniform(), spans[name], tuple(options)):
+            process = begin(replace(ways[name], out=str(out)))
+            time.sleep(rng.uniform() * spans[name])
+            in_time = process.is_alive()
+            process.kill()
+            process.join()
+            if not in_time:
                 continue  # it had finished already
             dataset = Dataset.open(out)
             left.append(len(dataset.missing_shards()) / dataset.layout.shards)
-            run(out, *options)
+            sim.generate.main(replace(ways["serial"], out=str(out)))
             different += Dataset.open_finished(out).digest() != digest
             done += 1
             bar.update()
@@ -145,11 +130,12 @@ def corruptions(report: Report, home: Path) -> None:
     }
 
 
+# A picture is no data, and here would only cost time; in the processes too.
+sim.generate.try_picture = lambda *_: None
+
 if __name__ == "__main__":
-    # A picture is no data, and here would only cost time.
-    os.environ["MUJOCO_GL"] = "disable"
-    sim.generate.try_picture = lambda *_: None
     with Report("studies/faults") as study, tempfile.TemporaryDirectory() as temporary:
         place = Path(temporary)
+        kills(study, place)
+        digests(study, place)
         corruptions(study, place)
-        kills(study, place, digests(study, place))
