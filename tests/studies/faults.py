@@ -13,7 +13,7 @@ import shutil
 import tempfile
 import time
 from dataclasses import replace
-from multiprocessing import get_context
+from multiprocessing import get_context, set_forkserver_preload
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -88,6 +88,7 @@ def kills(report: Report, home: Path) -> None:
             sim.generate.main(replace(ways["serial"], out=str(out)))
             different += Dataset.open_finished(out).digest() != digest
             done += 1
+            bar.set_postfix_str(f"{different} differ")
             bar.update()
     missing = f"shards missing {min(left):.0%} to {max(left):.0%}"
     report.line(f"{done} kills, {missing}; {different} differ")
@@ -134,6 +135,7 @@ def corruptions(report: Report, home: Path) -> None:
 sim.generate.try_picture = lambda *_: None
 
 if __name__ == "__main__":
+    set_forkserver_preload(["sim.generate", "helpers", "common", "corruption"])
     with Report("studies/faults") as study, tempfile.TemporaryDirectory() as temporary:
         place = Path(temporary)
         kills(study, place)
