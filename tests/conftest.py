@@ -10,7 +10,9 @@ from helpers import composed, default_config, generate
 
 import lbgc.bound
 import lbgc.calibrate
+import lbgc.compare
 import lbgc.evaluate
+import lbgc.export
 import lbgc.fit
 import lbgc.info
 import lbgc.train
@@ -28,6 +30,8 @@ ENTRY_POINTS = {
     "lbgc.calibrate": (lbgc.calibrate.main, lbgc.calibrate.CalibrateConfig, "calibrate"),
     "lbgc.info": (lbgc.info.main, lbgc.info.InfoConfig, "info"),
     "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),
+    "lbgc.export": (lbgc.export.main, lbgc.export.ExportConfig, "export"),
+    "lbgc.compare": (lbgc.compare.main, lbgc.compare.CompareConfig, "compare"),
     "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),
 }
 

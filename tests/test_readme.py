@@ -20,6 +20,8 @@ SMALLER = {
     "lbgc/bound.py": ["windows_s=[30]"],
     "lbgc/calibrate.py": [],
     "lbgc/info.py": [],
+    "lbgc/export.py": [],
+    "lbgc/compare.py": [],
 }
 NEEDS = {"log=lasergyro": "lasergyro.imu"}
 
