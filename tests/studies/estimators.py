@@ -398,7 +398,7 @@ def main() -> None:
         white(report, data, white_cases())
         general_form(report, data["general_form"])
         gaussian(report, data, gaussian_cases())
-        brute_force(report, data["bias_3"], cases["bias_3"])
+        brute_force(report, data["bias_1"], cases["bias_1"])
         protocols(report, data, protocol_cases())
         paper_baseline(report, data, paper_cases())
         sway(report, data["vehicle"], cases["vehicle"])

@@ -22,6 +22,7 @@ from scipy.stats import norm
 from scoring import Scores, first, scored
 from tqdm import tqdm
 
+import lbgc.export
 import lbgc.train
 import sim.generate
 from lbgc.bound import floor
@@ -29,9 +30,12 @@ from lbgc.data.calibrated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import cut, joined
+from lbgc.estimators import CLASSICAL
 from lbgc.estimators.information import known
 from lbgc.estimators.static import mean
+from lbgc.export import ExportConfig
 from lbgc.frames import wrap
+from lbgc.learning import onnx
 from lbgc.learning.estimator import Learned
 from lbgc.report.figures import png
 from lbgc.sensor.imu import ImuModel
@@ -67,15 +71,14 @@ class Case:
         )
         return Dataset.open_finished(sim.generate.main(config))
 
-    def trained(self) -> tuple[Learned, float]:
-        """The model, and the minutes that it took."""
+    def trained(self) -> tuple[Learned, float, Path]:
+        """The model, the minutes that it took, and its run's directory."""
         data = self.dataset("train", CASES["train_recordings"], CASES["seed"],
                             CASES["unit_seed"], "[90,10,0]")  # fmt: skip
-        options = (f"data={data.place}", f"model={CASES['model']}", f"steps={self.steps}",
-                   "stream=true", "validate_every=200")  # fmt: skip
+        options = (f"data={data.place}", f"experiment={CASES['experiment']}", f"steps={self.steps}")
         started = time.perf_counter()
         run = lbgc.train.main(composed(TrainConfig, "train", *options))
-        return Learned.load(run), (time.perf_counter() - started) / 60
+        return Learned.load(run), (time.perf_counter() - started) / 60, run
 
     def tested(self) -> "Tested":
         other = CASES["unit_seed"] + (1000 if self.units > 1 else 0)
@@ -172,7 +175,7 @@ def by_share(report: Report, minutes: list[float], calibration: Calibration) -> 
     whole, points = CASES["bias_deg_per_h"], {}
     for share in (0.0, *CASES["shares"], 1.0):
         case = Case(f"share_{share:g}", bias(whole * np.sqrt(share), whole * np.sqrt(1 - share)))
-        tested, (learned, took) = case.tested(), case.trained()
+        tested, (learned, took, run) = case.tested(), case.trained()
         minutes.append(took)
         uppers, scores = table(report, f"{share:.0%} of the bias variance repeats", tested, learned,
                                "told")  # fmt: skip
@@ -186,6 +189,7 @@ def by_share(report: Report, minutes: list[float], calibration: Calibration) -> 
         if share == 1.0:
             report.summary["unit_bias_over_floor_max"] = max(uppers)
             calibration.add("repeats", tested, learned)
+            latency(report, learned, run, tested)
         if share == 0.0:
             report.summary["run_bias_over_floor_max"] = max(uppers)
             sigma = np.rad2deg(np.sqrt(np.mean(scores[-1]["learned"].sigma ** 2)))
@@ -223,7 +227,7 @@ def _curve(points: dict[float, list[tuple[float, float]]]) -> Figure:
 
 def unseen_units(report: Report, minutes: list[float], calibration: Calibration) -> None:
     case = Case("unseen", bias(CASES["bias_deg_per_h"], 0.0), units=CASES["train_recordings"])
-    tested, (learned, took) = case.tested(), case.trained()
+    tested, (learned, took, _) = case.tested(), case.trained()
     minutes.append(took)
     uppers, _ = table(
         report, "all of it repeats, but in units never seen", tested, learned, "floor"
@@ -233,12 +237,10 @@ def unseen_units(report: Report, minutes: list[float], calibration: Calibration)
 
 
 def turned(report: Report, minutes: list[float], calibration: Calibration) -> None:
-    from lbgc.estimators import CLASSICAL
-
     for protocol, own in CASES["turned"].items():
         case = Case(protocol, (f"protocol={protocol}", *bias(0.0, CASES["bias_deg_per_h"])),
                     own["steps"])  # fmt: skip
-        tested, (learned, took) = case.tested(), case.trained()
+        tested, (learned, took, _) = case.tested(), case.trained()
         minutes.append(took)
         report.line()
         whole = tested.scores(learned, 240.0, [(protocol, CLASSICAL[protocol])])
@@ -261,7 +263,7 @@ def presets(report: Report, minutes: list[float]) -> None:
     found = {}
     for name in tqdm(CASES["presets"], "presets", leave=False):
         case = Case(f"preset_{name}", (f"imu={name}",), CASES["preset_steps"])
-        tested, (learned, took) = case.tested(), case.trained()
+        tested, (learned, took, _) = case.tested(), case.trained()
         minutes.append(took)
         s = tested.scores(learned, 240.0)
         over = s["learned"].over(s["told"])
@@ -272,17 +274,20 @@ def presets(report: Report, minutes: list[float]) -> None:
     report.summary["learned_over_mean_by_preset"] = found
 
 
-def latency(report: Report, learned: Learned, records: Sequence[Record]) -> None:
-    window = first(records[:1], 240.0)
-    times = []
-    for _ in range(200):
-        started = time.perf_counter()
-        learned(window)
-        times.append(time.perf_counter() - started)
-    report.summary["torch_latency_240s_ms"] = 1e3 * float(np.median(times))
-    report.line()
-    report.line(f"one 240 s window of 5 s means, base and features included, PyTorch: "
-                f"{1e3 * np.median(times):.2f} ms (published: 3.99, 7.81, 26.62)")  # fmt: skip
+def latency(report: Report, learned: Learned, run: Path, tested: Tested) -> None:
+    """Of one 240 s window of 5 s means, the classical base and the features included."""
+    window = first(tested.records[:1], 240.0)
+    exported = onnx.load(lbgc.export.main(ExportConfig(run=str(run))))
+    for name, estimate in (("torch", learned), ("onnx", exported)):
+        times = []
+        for _ in range(200):
+            started = time.perf_counter()
+            estimate(window)
+            times.append(time.perf_counter() - started)
+        report.summary[f"{name}_latency_240s_ms"] = 1e3 * float(np.median(times))
+    torch_ms, onnx_ms = (report.summary[f"{n}_latency_240s_ms"] for n in ("torch", "onnx"))
+    report.line(f"a 240 s window: PyTorch {torch_ms:.2f} ms, ONNX Runtime {onnx_ms:.2f} ms "
+                "(published: 3.99, 7.81, 26.62)")  # fmt: skip
 
 
 def main() -> None:
