@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lbgc.data.record import block_means, mock_record, whole_multiple
-from lbgc.data.windows import at_rate, cut, stack
+from lbgc.data.windows import at_rate, cut, stack, window_of
 from lbgc.errors import InputError
 
 
@@ -67,3 +67,15 @@ def test_stacked_recordings_are_a_training_set():
     windows = stack([mock_record(), mock_record(heading=1.0)], 0.2)
     assert windows.gyro.shape == (2, 5, 3)
     np.testing.assert_allclose(windows.heading, [np.deg2rad(40), 1.0])
+
+
+def test_arrays_of_ones_own_are_one_window():
+    gyro, accel = np.ones((30, 3)), np.full((30, 3), 2.0)
+    window = window_of(gyro, accel, rate_hz=2.0, latitude_deg=-45.0)
+    assert len(window) == 1
+    assert window.duration_s == 15.0
+    assert window.latitude[0] == pytest.approx(-np.pi / 4)
+    assert np.isnan(window.heading[0])
+    np.testing.assert_array_equal(window.plate_angle, np.zeros((1, 30)))
+    with pytest.raises(InputError, match="accel's shape"):
+        window_of(gyro, accel[:20], rate_hz=2.0, latitude_deg=0.0)

@@ -40,6 +40,32 @@ class Windows:
         return self.gyro.shape[1] / self.rate_hz
 
 
+def window_of(
+    gyro: np.ndarray,
+    accel: np.ndarray,
+    rate_hz: float,
+    latitude_deg: float,
+    plate_angle: np.ndarray | None = None,
+) -> Windows:
+    """One's own arrays as one window, its heading unknown.
+
+    gyro : (T, 3), rad/s, and accel : (T, 3), m/s^2, forward-right-down, each sample the mean over
+    its interval; plate_angle : (T,), rad, None where nothing turns. Raises InputError where the
+    shapes do not agree.
+    """
+    n = len(gyro)
+    plate = np.zeros(n) if plate_angle is None else np.asarray(plate_angle, float)
+    record = Record(
+        "window",
+        np.asarray(gyro, float),
+        np.asarray(accel, float),
+        plate,
+        rate_hz,
+        float(np.deg2rad(latitude_deg)),
+    )
+    return cut(record, n / rate_hz)
+
+
 def cut(record: Record, window_s: float) -> Windows:
     """The record's consecutive windows of this length; none (W = 0) where it is shorter.
 
