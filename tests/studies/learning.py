@@ -51,7 +51,7 @@ IMPROVEMENT = (35.2, 43.3, 46.2, 46.6, 55.7)
 class Case:
     name: str
     options: tuple[str, ...]
-    steps: int = CASES["steps"]
+    steps: int
     units: int = 1
 
     def dataset(self, part: str, recordings: int, seed: int, unit_seed: int, split: str) -> Dataset:
@@ -174,7 +174,11 @@ def by_share(report: Report, minutes: list[float], calibration: Calibration) -> 
     """How much there is to win, by the share of bias variance that repeats."""
     whole, points = CASES["bias_deg_per_h"], {}
     for share in (0.0, *CASES["shares"], 1.0):
-        case = Case(f"share_{share:g}", bias(whole * np.sqrt(share), whole * np.sqrt(1 - share)))
+        case = Case(
+            f"share_{share:g}",
+            bias(whole * np.sqrt(share), whole * np.sqrt(1 - share)),
+            CASES["steps"],
+        )
         tested, (learned, took, run) = case.tested(), case.trained()
         minutes.append(took)
         uppers, scores = table(report, f"{share:.0%} of the bias variance repeats", tested, learned,
@@ -226,7 +230,12 @@ def _curve(points: dict[float, list[tuple[float, float]]]) -> Figure:
 
 
 def unseen_units(report: Report, minutes: list[float], calibration: Calibration) -> None:
-    case = Case("unseen", bias(CASES["bias_deg_per_h"], 0.0), units=CASES["train_recordings"])
+    case = Case(
+        "unseen",
+        bias(CASES["bias_deg_per_h"], 0.0),
+        CASES["steps"],
+        units=CASES["train_recordings"],
+    )
     tested, (learned, took, _) = case.tested(), case.trained()
     minutes.append(took)
     uppers, _ = table(
@@ -237,9 +246,9 @@ def unseen_units(report: Report, minutes: list[float], calibration: Calibration)
 
 
 def turned(report: Report, minutes: list[float], calibration: Calibration) -> None:
-    for protocol, own in CASES["turned"].items():
+    for protocol in CASES["turned"]:
         case = Case(protocol, (f"protocol={protocol}", *bias(0.0, CASES["bias_deg_per_h"])),
-                    own["steps"])  # fmt: skip
+                    CASES["steps"])  # fmt: skip
         tested, (learned, took, _) = case.tested(), case.trained()
         minutes.append(took)
         report.line()
