@@ -53,6 +53,7 @@ class Case:
     options: tuple[str, ...]
     steps: int
     units: int = 1
+    windows_s: tuple[float, ...] = tuple(CASES["windows_s"])
 
     def dataset(self, part: str, recordings: int, seed: int, unit_seed: int, split: str) -> Dataset:
         units = recordings if self.units > 1 else 1
@@ -75,7 +76,9 @@ class Case:
         """The model, the minutes that it took, and its run's directory."""
         data = self.dataset("train", CASES["train_recordings"], CASES["seed"],
                             CASES["unit_seed"], "[90,10,0]")  # fmt: skip
-        options = (f"data={data.place}", f"experiment={CASES['experiment']}", f"steps={self.steps}")
+        lengths = ",".join(f"{w:g}" for w in self.windows_s)
+        options = (f"data={data.place}", f"experiment={CASES['experiment']}",
+                   f"steps={self.steps}", f"windows_s=[{lengths}]")  # fmt: skip
         started = time.perf_counter()
         run = lbgc.train.main(composed(TrainConfig, "train", *options))
         return Learned.load(run), (time.perf_counter() - started) / 60, run
@@ -117,8 +120,14 @@ class Calibration:
     def __init__(self) -> None:
         self.rows: list[tuple[str, float, float, int]] = []
 
-    def add(self, name: str, tested: Tested, learned: Learned) -> None:
-        for window in CASES["windows_s"]:
+    def add(
+        self,
+        name: str,
+        tested: Tested,
+        learned: Learned,
+        windows_s: Sequence[float] = tuple(CASES["windows_s"]),
+    ) -> None:
+        for window in windows_s:
             windows = joined([cut(record, window) for record in tested.records])
             found = learned(windows)
             z = np.abs(wrap(found.heading - windows.heading)) / found.sigma
@@ -248,7 +257,7 @@ def unseen_units(report: Report, minutes: list[float], calibration: Calibration)
 def turned(report: Report, minutes: list[float], calibration: Calibration) -> None:
     for protocol in CASES["turned"]:
         case = Case(protocol, (f"protocol={protocol}", *bias(0.0, CASES["bias_deg_per_h"])),
-                    CASES["steps"])  # fmt: skip
+                    CASES["steps"], windows_s=(240.0,))  # fmt: skip
         tested, (learned, took, _) = case.tested(), case.trained()
         minutes.append(took)
         report.line()
@@ -260,6 +269,7 @@ def turned(report: Report, minutes: list[float], calibration: Calibration) -> No
             f"{over.value:.4f} ({over.low:.4f} to {over.high:.4f}), NSE {whole['learned'].nse:.3f}"
         )
         report.summary[f"{protocol}_over_floor"] = over.high
+        calibration.add(protocol, tested, learned, case.windows_s)
 
 
 def presets(report: Report, minutes: list[float]) -> None:
