@@ -234,9 +234,9 @@ class Dataset:
     def records(self, indices: np.ndarray) -> Iterator[Record]:
         """The recordings at these indices, ascending; whole shards are read once."""
         labels = {n: self.label(n) for n in ("heading", "heading_reference", "latitude")}
-        for shard in np.unique(np.asarray(indices) // self.layout.shard):
-            rows = self.layout.rows(int(shard))
-            inside = np.asarray([i for i in np.sort(indices) if i in rows])
+        ascending = np.sort(indices)
+        ends = np.flatnonzero(np.diff(ascending // self.layout.shard)) + 1
+        for inside in np.split(ascending, ends) if len(ascending) else ():
             span = slice(int(inside[0]), int(inside[-1]) + 1)
             data = {n: self._decoded(n, span) for n in ("gyro", "accel", "plate_angle")}
             for i in inside:
