@@ -25,6 +25,7 @@ from lbgc.errors import InputError, require, require_choice, require_positive, r
 from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled, Site
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import (
+    AS_LENGTHS,
     LIFETIMES,
     Information,
     across,
@@ -44,7 +45,6 @@ from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
 
-LARGEST_CRLB = float(np.deg2rad(6.0))
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 _DRAWS = 3000
 
@@ -63,7 +63,7 @@ def crlb(told: Information, reference_sigma: float = 0.0) -> float:
     reference_sigma : rad, of the reference, where errors are taken from one that errs.
     """
     rms = float(np.sqrt(np.mean(told.sigma(_HEADINGS) ** 2) + reference_sigma**2))
-    return rms if rms < LARGEST_CRLB else float("nan")
+    return rms if rms < AS_LENGTHS else float("nan")
 
 
 def expected_floor(told: Information, reference_sigma: float = 0.0) -> float:

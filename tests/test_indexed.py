@@ -109,6 +109,20 @@ def test_white_noise_reaches_the_closed_form():
     assert crlb(told) == pytest.approx(closed, rel=1e-3)
 
 
+@pytest.mark.parametrize("bias_deg_per_h", [3.0, 10.0, 100.0])
+def test_a_wide_sigma_is_true_too(bias_deg_per_h):
+    """A quarter of the circle, or nothing known at all: errors end at 180 degrees, and sigma knows.
+
+    Squares of errors that are uniform over the circle have a relative spread of 0.9, less than a
+    Gaussian's 1.4: sqrt(2/400) = 0.07 at most; four of them."""
+    bias = (np.deg2rad(bias_deg_per_h / 3600),) * 3
+    imu = replace(SDC500, gyro=replace(SDC500.gyro, bias_run=bias))
+    w = windows(imu, "static", 32.76, 120.0, COUNT, seed=9, interval=10.0)
+    found = CLASSICAL["gls"](w, imu)
+    nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
+    assert nse == pytest.approx(1.0, abs=0.3)
+
+
 def test_the_secant_law():
     wide = [
         crlb(information(SDC500, course_of(PROTOCOLS["two_position"], 240.0), site(lat)))

@@ -36,6 +36,8 @@ from lbgc.sensor import gaussian, noise
 from lbgc.sensor.imu import ImuModel, Triad
 
 LIFETIMES = ("unit", "session", "run")
+AS_LENGTHS = float(np.deg2rad(6.0))
+"""Below it angles behave like lengths."""
 _LEVER_M = 0.3
 _LEAST = (1e-12, 1e-9)
 """rad/s and m/s^2: sensors without any error have no covariance to invert; far below all others."""
@@ -250,9 +252,15 @@ def _log_p(h: np.ndarray, J: np.ndarray, psi: np.ndarray) -> np.ndarray:
 
 
 def likeliest(told: Information, data: np.ndarray) -> Estimate:
-    """The most likely headings, and their sigma by the curvature there. data : (V, 4, n)."""
-    heading = mode(told.told(data), told.J)
-    return Estimate(heading, told.sigma(heading))
+    """The most likely headings, and their sigma by the curvature there; by the posterior's spread
+    on the circle where that is above 6 degrees. data : (V, 4, n)."""
+    h = told.told(data)
+    heading = mode(h, told.J)
+    sigma = told.sigma(heading)
+    wide = sigma > AS_LENGTHS
+    if wide.any():
+        sigma[wide] = bayes(h[wide], told.J).sigma
+    return Estimate(heading, sigma)
 
 
 def bayes(h: np.ndarray, J: np.ndarray) -> Estimate:
