@@ -211,19 +211,20 @@ def snr(e: Experiment) -> Section:
     heading = np.array([r.heading for r in e.hours])
     earth = np.einsum("i,hij->hj", earth_rate_ned(e.hours[0].latitude), rotation_z(heading))
     horizontal = (running - (e.hour_bias + earth)[:, None])[..., :2]
-    noise = horizontal.std(axis=0).mean(axis=-1)  # about what the sensor's bias and Earth make
+    noise = np.sqrt(horizontal.var(axis=0).mean(axis=-1))  # about what the bias and Earth make
     found = 20 * np.log10(EARTH_RATE / noise)
     early = (t >= 5) & (t <= 50)
     slope = np.polyfit(np.log10(t[early]), found[early], 1)[0]
     peak = t[np.argmax(found)]
+    some = np.unique(np.geomspace(1, len(t), 30).astype(int)) - 1
     model = [
         20 * np.log10(EARTH_RATE / np.sqrt(np.mean(
             [covariance_of_means(e.imu.gyro.terms[a], 1, float(x))[0, 0] for a in (0, 1)])))
-        for x in t[::24]
+        for x in t[some]
     ]  # fmt: skip
     figure, axes = lines("SNR of the sample mean", "averaging time, s", "dB")
     axes.semilogx(t, found, color="#2c5d9b", label=f"{len(e.hours)} simulated hours")
-    axes.semilogx(t[::24], model, "--", color="#d1691f", label="the noise model")
+    axes.semilogx(t[some], model, "--", color="#d1691f", label="the noise model")
     axes.legend(fontsize="small")
     return Section(
         "SNR of the sample mean against averaging time",
