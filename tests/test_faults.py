@@ -192,6 +192,8 @@ def started(path: Path, *options: str) -> subprocess.Popen:
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"MUJOCO_GL": "disable"},
+        # a shell's background job ignores interruptions, and so would what it starts
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while not list((path / "d.zarr/manifest/stored/c").glob("*/0")):
         assert process.poll() is None
