@@ -1,12 +1,15 @@
 """What a user can get wrong, said once: InputError, the typed configuration, and `run_main`."""
 
+import _thread
 import dataclasses
 import math
 import os
 import sys
+import threading
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -165,7 +168,8 @@ def run_main(
             print(path, flush=True)
 
     try:
-        hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
+        with _never_forgotten():
+            hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
         if failed:
             sys.exit(2)
     except InputError as error:
@@ -178,6 +182,32 @@ def run_main(
     except KeyboardInterrupt:
         print("interrupted; run the same command again to go on", file=sys.stderr)
         sys.exit(130)
+
+
+@contextmanager
+def _never_forgotten() -> Iterator[None]:
+    """An interruption that falls into a callback of the interpreter's, where Python prints it and
+    goes on as if nothing had been, comes again a moment later instead."""
+    before, over = sys.unraisablehook, threading.Event()
+
+    def again() -> None:
+        if not over.is_set():
+            _thread.interrupt_main()
+
+    def hook(ignored: Any) -> None:
+        if issubclass(ignored.exc_type, KeyboardInterrupt):
+            timer = threading.Timer(0.01, again)
+            timer.daemon = True
+            timer.start()
+        else:
+            before(ignored)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        over.set()
+        sys.unraisablehook = before
 
 
 ALTERNATIVES = (
