@@ -28,11 +28,16 @@ def normal_gravity(latitude: float, height: float = 0.0) -> float:
 
     latitude : rad; height : m above the ellipsoid (Groves 2013, eqs. 2.134 and 2.139).
     """
+    return float(normal_gravities(np.asarray(latitude), height))
+
+
+def normal_gravities(latitude: np.ndarray, height: float = 0.0) -> np.ndarray:
+    """The same at many latitudes, any shape."""
     s2 = np.sin(latitude) ** 2
     surface = _GRAVITY_EQUATOR * (1 + _SOMIGLIANA_K * s2) / np.sqrt(1 - _ECCENTRICITY_SQUARED * s2)
     slope = 1 + _FLATTENING * (1 - 2 * s2) + _CENTRIFUGAL_SHARE
     h = height / _EQUATORIAL_RADIUS
-    return float(surface * (1 - 2 * slope * h + 3 * h**2))
+    return np.asarray(surface * (1 - 2 * slope * h + 3 * h**2))
 
 
 def heading_exists(latitude: float | np.ndarray) -> np.ndarray:

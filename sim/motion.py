@@ -198,11 +198,9 @@ def _level(bench: Bench, drawn: Draw) -> np.ndarray:
 
 def _at_start(executed: Executed, drawn: Draw) -> tuple[np.ndarray, np.ndarray]:
     """Attitudes (3, 3) of the test and the control module in A when the encoder is zeroed."""
-    first = executed.stretches[0]
-    test = executed.pose(first.poses[1:2] if first.moves else first.poses)[0][0]
     turned = rotation_matrix(drawn.floor.motion(np.zeros(1))[0][0])
     floor = turned @ _level(executed.bench, drawn)
-    return floor @ test, floor @ executed.control
+    return floor @ executed.start, floor @ executed.control
 
 
 @lru_cache(maxsize=64)
@@ -210,9 +208,7 @@ def _rigid_attitude(executed: Executed, lean: tuple[float, float], block: int) -
     """On a base that leans by so much, roll and pitch in rad, and does not move."""
     level = euler_to_matrix(*lean, 0.0)
     ends = level @ executed.ends
-    first = executed.stretches[0]
-    start = executed.pose(first.poses[1:2] if first.moves else first.poses)[0][0]
-    return _attitude(ends, level @ start, executed, block)
+    return _attitude(ends, level @ executed.start, executed, block)
 
 
 def _attitude(ends: np.ndarray, start: np.ndarray, executed: Executed, block: int) -> np.ndarray:

@@ -92,6 +92,12 @@ class Executed:
             attitude, place = lean @ attitude, np.einsum("mij,mj->mi", lean, place)
         return attitude, place
 
+    @cached_property
+    def start(self) -> np.ndarray:
+        """Attitude in the base's axes when the encoder is zeroed, (3, 3)."""
+        first = self.stretches[0]
+        return self.pose(first.poses[1:2] if first.moves else first.poses)[0][0]
+
     def blocks(self) -> Iterator[Poses]:
         """The recording in parts: the instants of some samples, and one more on either side."""
         size = max(1, round(_BLOCK_S * self.bench.rate_hz)) * self.bench.steps

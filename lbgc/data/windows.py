@@ -1,7 +1,7 @@
 """Windows of records: what an estimator is given."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class Windows:
     @property
     def duration_s(self) -> float:
         return self.gyro.shape[1] / self.rate_hz
+
+    def rows(self, which: slice | np.ndarray) -> "Windows":
+        """Some of them."""
+        return replace(self, **{k: v[which] for k, v in vars(self).items() if k != "rate_hz"})
 
 
 def window_of(

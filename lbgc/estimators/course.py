@@ -135,9 +135,7 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     def mean(values: np.ndarray) -> np.ndarray:
         return values.reshape(w, n, size, *values.shape[2:]).mean(axis=2, dtype=np.float64)
 
-    # An encoder is read at a sample's end; its mean over the sample is half a step earlier.
-    late = 0.5 if sample_s is None else 0.5 * sample_s * windows.rate_hz
-    angle = mean(windows.plate_angle - late * travel(windows.plate_angle))
+    angle = mean(mean_angle(windows.plate_angle, windows.rate_hz, sample_s))
     gyro, accel = mean(windows.gyro), mean(windows.accel)
     interval = size / windows.rate_hz
     turning = np.gradient(angle, interval, axis=1) if n > 1 else np.zeros_like(angle)
@@ -162,6 +160,14 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
 def _block(samples: int, most: int) -> int:
     """Samples of a block: the fewest that divide the window into at most `most`."""
     return next(k for k in range(-(-samples // most), samples + 1) if samples % k == 0)
+
+
+def mean_angle(reading: np.ndarray, rate_hz: float, sample_s: float | None) -> np.ndarray:
+    """The plate's mean angle over each sample (or mean of samples), (W, T), rad: an encoder is read
+    at a sample's end, and turns on for half of it. sample_s : the sensor's own interval; None where
+    the reading is of samples."""
+    late = 0.5 if sample_s is None else 0.5 * sample_s * rate_hz
+    return np.asarray(reading - late * travel(reading))
 
 
 def travel(angle: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lbgc.data.windows import Windows
-from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
+from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.estimators import drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.linear import check
@@ -67,6 +67,11 @@ class _Series:
     """(W, T, 3), m/s, in i"""
     turned: np.ndarray
     """(W, T, 3, 3): C_b0_b at the samples' ends"""
+
+    @property
+    def before(self) -> np.ndarray:
+        """The same at their starts."""
+        return _before(self.turned)
 
 
 def oba(windows: Windows, imu: ImuModel | None = None) -> Estimate:
@@ -124,7 +129,7 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> np.ndarray:
     misalignment towards z is one more bias, and z's scale error."""
     if imu is None:
         return np.full((len(windows), 3), _ANY_BIAS)
-    g = np.array([normal_gravity(float(at)) for at in windows.latitude])
+    g = normal_gravities(windows.latitude)
     law = drift.of_gyro(imu, windows.duration_s, windows.start_s, windows.latitude, g)
     of_z = np.square([*imu.gyro.misalignment_unit[:2], imu.gyro.scale_unit[2]])
     turning = np.outer(np.mean(windows.gyro[..., 2], axis=1) ** 2, of_z)
@@ -134,9 +139,7 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> np.ndarray:
 def _of_bias(windows: Windows, series: _Series) -> np.ndarray:
     """Gamma, (W, T, 3, 3): how alpha moves with the gyros' biases."""
     dt = 1 / windows.rate_hz
-    before = np.concatenate(
-        [np.broadcast_to(np.eye(3), (len(windows), 1, 3, 3)), series.turned[:, :-1]], axis=1
-    )
+    before = series.before
     turned = np.cumsum(series.turned + before, axis=1) / 2 * dt
     middle = turned - series.turned * dt / 2
     force = np.einsum("wnij,wnj->wni", before, windows.accel)
@@ -227,10 +230,15 @@ def _integrate(windows: Windows) -> _Series:
     for k in range(n):
         at = at @ step[:, k]
         turned[:, k] = at
-    before = np.concatenate([np.broadcast_to(np.eye(3), (w, 1, 3, 3)), turned[:, :-1]], axis=1)
     force = windows.accel + np.cross(angle, windows.accel) / 2
-    alpha = np.cumsum(np.einsum("wnij,wnj->wni", before, force), axis=1) * dt
+    alpha = np.cumsum(np.einsum("wnij,wnj->wni", _before(turned), force), axis=1) * dt
     return _Series(alpha, _apparent_gravity(windows, n, dt), turned)
+
+
+def _before(turned: np.ndarray) -> np.ndarray:
+    """From attitudes at the samples' ends to those at their starts, (W, T, 3, 3)."""
+    none = np.broadcast_to(np.eye(3), (len(turned), 1, 3, 3))
+    return np.concatenate([none, turned[:, :-1]], axis=1)
 
 
 def _apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:

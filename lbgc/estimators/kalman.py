@@ -27,12 +27,12 @@ expects, the window is answered again at 10 Hz or faster, C carried by the gyros
 with velocity as noisy as the window shows it to be (see lbgc.estimators.longrun).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.earth import EARTH_RATE, normal_gravity
+from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.estimators import drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import bayes
@@ -73,17 +73,13 @@ def ekf(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     samples = windows.gyro.shape[1]
     if samples < _LEAST_SAMPLES:
         raise refusal("ekf", samples, "", f"samples a window; it takes {_LEAST_SAMPLES} or more")
-    found = [_answer(_rows(windows, slice(i, i + _CHUNK)), model)
+    found = [_answer(windows.rows(slice(i, i + _CHUNK)), model)
              for i in range(0, len(windows), _CHUNK)]  # fmt: skip
     none = np.zeros(0)
     return Estimate(
         np.concatenate([none, *(f.heading for f in found)]),
         np.concatenate([none, *(f.sigma for f in found)]),
     )
-
-
-def _rows(windows: Windows, which: slice | np.ndarray) -> Windows:
-    return replace(windows, **{k: v[which] for k, v in vars(windows).items() if k != "rate_hz"})
 
 
 def _answer(windows: Windows, imu: ImuModel) -> Estimate:
@@ -99,7 +95,7 @@ def _answer(windows: Windows, imu: ImuModel) -> Estimate:
                  f"which takes samples at {_SLOWEST_HZ:g} Hz or faster, or the model is not this "
                  "sensor's")  # fmt: skip
         raise refusal("ekf", f"{surprise.max():.3g}", "", about)
-    swaying = _rows(windows, moves)
+    swaying = windows.rows(moves)
     fast = cut_steps(swaying, imu, max(1, int(windows.rate_hz / _FAST_HZ)), True, "ekf")
     noise = sway(fast, "ekf")
     again, _ = _filter(swaying, imu, fast, STUDENT * noise, still=False)
@@ -162,7 +158,7 @@ class _Law:
     def of(cls, windows: Windows, imu: ImuModel, steps: Steps, still: bool) -> "_Law":
         latitude, start_s = windows.latitude, windows.start_s
         w, h = len(windows), steps.interval
-        g = np.array([normal_gravity(float(at)) for at in latitude])
+        g = normal_gravities(latitude)
         gyro = drift.of_gyro(imu, windows.duration_s, start_s, latitude, g)
         accel = drift.of_accel(imu, windows.duration_s, start_s, g)
         earth = np.zeros((w, 3, 2))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.estimators.course import Course, tilt_of, travel
+from lbgc.estimators.course import Course, mean_angle, tilt_of
 from lbgc.estimators.estimate import refusal
 from lbgc.estimators.longrun import velocity_noise
 from lbgc.frames import rotation_matrix, rotation_z
@@ -61,9 +61,7 @@ def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: st
         push += np.einsum("wnij,wnj->wni", turned, force) * dt
         total += push
         turned = turned @ rotation_matrix(gyro[:, :, k] * dt)
-    # An encoder is read at a sample's end; its mean over the sample is half a step earlier.
-    late = 0.5 * imu.dt * windows.rate_hz
-    angle = windows.plate_angle - late * travel(windows.plate_angle)
+    angle = mean_angle(windows.plate_angle, windows.rate_hz, imu.dt)
     angle = angle[:, :cut].reshape(w, n, size).mean(axis=2)
     even, rests = np.zeros((w, n), bool), np.zeros((w, n), bool)
     for row in range(w):

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.earth import EARTH_RATE, normal_gravity
+from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.level import level
@@ -60,8 +60,7 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
     psi = base[:, None] + angle - travel / 2  # an encoder is read at a sample's end
     latitude = windows.latitude[:, None]
     north, down = EARTH_RATE * np.cos(latitude), -EARTH_RATE * np.sin(latitude)
-    gravity = np.array([normal_gravity(float(lat)) for lat in np.unique(windows.latitude)])
-    g = gravity[np.searchsorted(np.unique(windows.latitude), windows.latitude)][:, None]
+    g = normal_gravities(latitude)
     turning = np.where(np.abs(travel) > _MOVES, travel * windows.rate_hz, 0.0)
     gyro, force = _north(_levelled(windows.gyro, windows, angle), psi), _north(windows.accel, psi)
     # Earth's rate is averaged over the turn within a sample.

@@ -14,7 +14,7 @@ import numpy as np
 
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows
-from lbgc.earth import earth_rate_ned, normal_gravity
+from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.errors import InputError, build
 from lbgc.frames import euler_to_matrix
 from lbgc.learning.batches import crop
@@ -109,10 +109,7 @@ class Streamed:
         roll, pitch = self.attitude[rows].T
         base = euler_to_matrix(roll, pitch, heading)
         earth = np.einsum("wij,wi->wj", base, earth_rate_ned(stored.latitude[rows]))
-        gravity = np.array(
-            [normal_gravity(float(x), self.height_m) for x in np.unique(stored.latitude)]
-        )
-        down = gravity[np.searchsorted(np.unique(stored.latitude), stored.latitude[rows])]
+        down = normal_gravities(stored.latitude[rows], self.height_m)
         rate, force = (_on_plate(v, angle, short) for v in (earth, -down[:, None] * base[:, 2]))
         rate[..., 2] += turning
         force[..., 0] -= self.arm_m * turning**2  # towards the axis, behind the IMU

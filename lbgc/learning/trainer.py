@@ -133,7 +133,7 @@ class Trainer:
         """RMS error of the base, rad, on the longest windows of the training split."""
         windows = every(stored, max(self.plan.windows_steps.values()))
         pick = np.arange(len(windows))[:_MOST_FOR_SCALE]
-        _, base = inputs(self.plan.model, rows_of(windows, pick), self.imu)
+        _, base = inputs(self.plan.model, windows.rows(pick), self.imu)
         error = wrap(base - windows.heading_reference[pick])
         return float(np.clip(np.sqrt(np.mean(error**2)), *_SCALES))
 
@@ -180,11 +180,6 @@ class Trainer:
         self.optimiser.load_state_dict({"state": state, "param_groups": said["groups"]})
         self.schedule.load_state_dict(said["schedule"])
         self.step, self.smoothed, self.history = said["step"], said["smoothed"], said["history"]
-
-
-def rows_of(windows: Windows, pick: np.ndarray) -> Windows:
-    """Some of the windows."""
-    return Windows(*(v[pick] if isinstance(v, np.ndarray) else v for v in vars(windows).values()))
 
 
 def _schedule(plan: Plan, optimiser: torch.optim.Optimizer) -> torch.optim.lr_scheduler.LRScheduler:

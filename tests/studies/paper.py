@@ -85,8 +85,8 @@ def means(name: str, recordings: int, seed: int, *options: str) -> Dataset:
 
 
 def sizes(estimate: Estimator, windows: Windows, imu: ImuModel | None = None) -> np.ndarray:
-    """|error|, (W,), degrees."""
-    return np.abs(np.rad2deg(wrap(estimate(windows, imu).heading - windows.heading)))
+    """|error| against the reference, as the paper has it, (W,), degrees."""
+    return np.abs(np.rad2deg(wrap(estimate(windows, imu).heading - windows.heading_reference)))
 
 
 @dataclass

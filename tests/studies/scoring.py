@@ -73,11 +73,16 @@ def first_windows(data: Dataset, window_s: float, batch: int = 500) -> Iterator[
 
 
 def scored(
-    windows: Iterator[Windows], estimators: Mapping[str, Estimator], imu: ImuModel | None
+    windows: Iterator[Windows],
+    estimators: Mapping[str, Estimator],
+    imu: ImuModel | None,
+    against: str = "truth",
 ) -> dict[str, Scores]:
+    """against : truth or reference; a real log has the latter alone."""
     parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in estimators}
     for own in windows:
-        truth = np.where(np.isnan(own.heading), own.heading_reference, own.heading)
+        known = own.heading if against == "truth" else own.heading_reference
+        truth = np.where(np.isnan(known), own.heading_reference, known)
         for name, estimate in estimators.items():
             found = estimate(own, imu)
             parts[name].append((wrap(found.heading - truth), found.sigma))
