@@ -27,7 +27,6 @@ from lbgc.errors import InputError, build, require, require_choice, require_posi
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
-from lbgc.learning.estimator import Learned
 from lbgc.metrics import Ratio, Summary, rmse_ratio, time_to_reach
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
@@ -101,7 +100,11 @@ class EvaluateConfig:
 def main(config: EvaluateConfig) -> Path:
     """Evaluate, print the table and write what there is to say; return the report's path."""
     estimators: dict[str, Estimator] = {name: KNOWN[name] for name in config.asked}
-    learned = None if config.run is None else Learned.load(config.run)
+    learned = None
+    if config.run is not None:
+        from lbgc.learning.estimator import Learned  # PyTorch, a second that the classical save
+
+        learned = Learned.load(config.run)
     subject, records, count = _subject(config)
     if learned is not None:
         estimators[learned.name] = learned

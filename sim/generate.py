@@ -33,8 +33,8 @@ from sim import cluster, motion
 from sim.cluster import ClusterConfig
 from sim.motion import Draw, Truth
 from sim.physics import check_servo
+from sim.picture import try_picture
 from sim.poses import Bench
-from sim.render import try_picture
 from sim.scene import SceneConfig
 
 

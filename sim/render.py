@@ -2,7 +2,6 @@
 
 import copy
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -11,13 +10,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 from tqdm import tqdm
 
 from lbgc.errors import InputError, require
 from lbgc.protocol import Plan, ProtocolConfig, plan
-from lbgc.report.figures import strips
 from lbgc.sensor.streams import Purpose, recording
 from sim import motion
 from sim.physics import execute
@@ -82,6 +79,10 @@ def view(config: ViewConfig) -> Path | None:
 
 def _film(config: ViewConfig, out: Path) -> None:
     """The plan in real time, and below it rate, specific force and plate angle against time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # half a second; a picture has none
+
+    from lbgc.report.figures import strips
+
     bench = Bench(config.scene, _RATE_HZ, round(config.duration_s * _RATE_HZ))
     drawn = motion.draw(config.scene, 0.0, recording(1, 0, Purpose.MOTION), config.duration_s)
     latitude = float(np.deg2rad(config.latitude))
@@ -164,17 +165,3 @@ def look_round(config: ViewConfig) -> None:
             mujoco.mj_forward(model, data)
             window.sync()
             time.sleep(1 / 60)
-
-
-def try_picture(out: Path, config: SceneConfig) -> str | None:
-    """Render in a process of its own, so that a graphics driver's crash costs a picture only.
-
-    Returns None, or why there is no picture.
-    """
-    script = Path(__file__).with_name("scene.py")
-    # Of all that a scene has, the arms are what one sees.
-    command = [sys.executable, str(script), f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    if done.returncode == 0 and out.exists():
-        return None
-    return (done.stderr.strip().splitlines() or ["it crashed"])[-1]

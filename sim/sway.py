@@ -14,7 +14,6 @@ answers as suspensions do: with tilts that stay, and with ringing.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
 
 from lbgc.errors import Spread, require, require_not_negative, require_positive, require_spread
 
@@ -146,6 +145,8 @@ def _load(
     config: SwayConfig, rng: np.random.Generator, activity: np.ndarray, dt: float
 ) -> np.ndarray:
     """Unit Ornstein-Uhlenbeck processes on the clock of activity, as smooth as people move."""
+    from scipy.signal import lfilter  # half a second, and few scenes sway
+
     clock = np.cumsum(activity) * dt
     load = np.empty((3, len(clock)))
     for row, forget_s, move_s in zip(load, config.load_s, config.move_s, strict=True):
@@ -153,7 +154,7 @@ def _load(
         follow = np.exp(-dt / move_s)
         for _ in range(2):
             still = follow * row[:1]
-            row[:], _ = scipy.signal.lfilter([1 - follow], [1.0, -follow], row, zi=still)
+            row[:], _ = lfilter([1 - follow], [1.0, -follow], row, zi=still)
     return load
 
 
@@ -180,8 +181,10 @@ def _low_pass_noise(
     rng: np.random.Generator, steps: int, dt: float, corner_hz: float, order: int
 ) -> np.ndarray:
     """Unit variance, white below the corner (Butterworth): (6, steps)."""
+    from scipy.signal import butter, sosfilt
+
     warm_up = int(np.ceil(2 / (corner_hz * dt)))  # a dozen time constants
-    sos = scipy.signal.butter(order, corner_hz, fs=1 / dt, output="sos")
-    response = scipy.signal.sosfilt(sos, np.r_[1.0, np.zeros(4 * warm_up)])
+    sos = butter(order, corner_hz, fs=1 / dt, output="sos")
+    response = sosfilt(sos, np.r_[1.0, np.zeros(4 * warm_up)])
     noise = rng.standard_normal((len(JOINTS), warm_up + steps))
-    return scipy.signal.sosfilt(sos, noise)[:, warm_up:] / np.sqrt(np.sum(response**2))
+    return sosfilt(sos, noise)[:, warm_up:] / np.sqrt(np.sum(response**2))

@@ -67,6 +67,15 @@ ROOMS = {
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr"), ("sim/generate.py", "mujoco")}
 FILM_MAKING = {("sim/render.py", "matplotlib")}
+# Half a second and more to import; who starts without waiting for it.
+SLOW = {
+    "torch": {"lbgc/bound.py", "lbgc/fit.py", "lbgc/info.py", "lbgc/calibrate.py",
+              "lbgc/evaluate.py", "sim/generate.py", "sim/scene.py"},
+    "matplotlib": {"lbgc/calibrate.py", "lbgc/export.py", "lbgc/compare.py", "sim/generate.py",
+                   "sim/scene.py"},
+    "scipy.signal": {"lbgc/bound.py", "lbgc/info.py", "lbgc/calibrate.py", "lbgc/train.py",
+                     "lbgc/export.py", "lbgc/compare.py", "sim/generate.py", "sim/scene.py"},
+}  # fmt: skip
 
 
 def imports(file: Path) -> set[str]:
@@ -140,12 +149,14 @@ def test_files_can_be_read_in_one_sitting():
 @pytest.mark.parametrize("script", ENTRY_POINTS)
 def test_every_entry_point_runs_from_another_directory(script, tmp_path):
     """`python lbgc/train.py` puts lbgc/ itself first on the import path: no module there may
-    shadow another's."""
-    done = subprocess.run(
-        [sys.executable, str(ROOT / script), "--help"], cwd=tmp_path, capture_output=True, text=True
-    )
+    shadow another's. Nor does it wait for libraries that it may not need."""
+    command = [sys.executable, "-X", "importtime", str(ROOT / script), "--help"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout
+    imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
+    assert "numpy" in imported
+    assert not {library for library, who in SLOW.items() if script in who} & imported
     assert list(tmp_path.iterdir()) == []
 
 

@@ -6,7 +6,6 @@ rest. A truth at rest passes unchanged.
 
 import numpy as np
 import scipy.linalg
-import scipy.signal
 
 
 def low_pass(signal: np.ndarray, bandwidth: float, damping: float, dt: float) -> np.ndarray:
@@ -19,12 +18,14 @@ def low_pass(signal: np.ndarray, bandwidth: float, damping: float, dt: float) ->
     With x the output and its rate over w0, x' = F x + B u: x[k+1] = A x[k] + b u[k], and the
     output's mean over the interval is c x[k] + d u[k]. One matrix exponential gives all four.
     """
+    from scipy.signal import lfilter, lfilter_zi, ss2tf  # half a second, and few sensors filter
+
     w = 2 * np.pi * bandwidth
     drift = np.zeros((4, 4))  # of the two states, the held input, the output's running integral
     drift[:2, :2] = w * np.array([[0.0, 1.0], [-1.0, -2 * damping]])
     drift[1, 2], drift[3, 0] = w, 1.0
     step = scipy.linalg.expm(drift * dt)
     A, b, c, d = step[:2, :2], step[:2, 2:3], step[3:, :2] / dt, step[3:, 2:3] / dt
-    numerator, denominator = scipy.signal.ss2tf(A, b, c, d)
-    start = scipy.signal.lfilter_zi(numerator[0], denominator) * signal[0]
-    return scipy.signal.lfilter(numerator[0], denominator, signal, zi=start)[0]
+    numerator, denominator = ss2tf(A, b, c, d)
+    start = lfilter_zi(numerator[0], denominator) * signal[0]
+    return lfilter(numerator[0], denominator, signal, zi=start)[0]

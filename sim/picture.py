@@ -1,0 +1,21 @@
+"""The scene's picture beside a dataset."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from sim.scene import SceneConfig
+
+
+def try_picture(out: Path, config: SceneConfig) -> str | None:
+    """Render in a process of its own, so that a graphics driver's crash costs a picture only.
+
+    Returns None, or why there is no picture.
+    """
+    script = Path(__file__).with_name("scene.py")
+    # Of all that a scene has, the arms are what one sees.
+    command = [sys.executable, str(script), f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    if done.returncode == 0 and out.exists():
+        return None
+    return (done.stderr.strip().splitlines() or ["it crashed"])[-1]
