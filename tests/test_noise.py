@@ -88,13 +88,18 @@ def test_allan_variance_follows_from_the_covariance(terms):
 @pytest.mark.parametrize("tau", [0.05, 3.0, 150.0])
 def test_allan_variance_follows_from_the_psd(term, tau):
     """sigma^2 = 4 int_0^inf S(f) sin^4(pi f tau)/(pi f tau)^2 df, S two-sided (IEEE Std 952);
-    beyond `top` (and 60 Hz), sin^4 is its mean 3/8 and S falls as f^-2 or f^-4, or is flat."""
+    beyond `top` (and 60 Hz), sin^4 is its mean 3/8 and S falls as f^-2 or f^-4, or is flat. Below,
+    eight Gauss nodes on each stretch of 2%, and of a quarter of sin^4's period above x = 1."""
     top = max(600.0, 60 * np.pi * tau)
-    x = np.concatenate([np.geomspace(1e-9, 1e-3, 20001)[:-1], np.linspace(1e-3, top, 6_000_001)])
-    f = x / (np.pi * tau)
-    integral = np.trapezoid(term.psd(f) * np.sin(x) ** 4 / x**2, f)
+    edges = np.concatenate([np.geomspace(1e-9, 1, 1001), np.arange(1, top, np.pi / 4)[1:]])
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    half = np.diff(edges)[:, None] / 2
+    x = edges[:-1, None] + half * (1 + nodes)
+    f, last = x / (np.pi * tau), edges[-1]
+    integral = np.sum(term.psd(f) * np.sin(x) ** 4 / x**2 * half * weights) / (np.pi * tau)
     slope = {White: 0, BandLimited: 4, Line: 4}.get(type(term), 2)
-    tail = term.psd(f[-1:])[0] * 3 / 8 / x[-1] / (1 + slope) / (np.pi * tau)
+    end = term.psd(np.array([last / (np.pi * tau)]))[0]
+    tail = end * 3 / 8 / last / (1 + slope) / (np.pi * tau)
     np.testing.assert_allclose(4 * (integral + tail), term.allan_variance(tau), rtol=2e-5)
 
 
