@@ -25,6 +25,11 @@ def recording(config: GenerateConfig, i: int) -> dict[str, np.ndarray]:
     return next(sim.generate._recordings(config, sensor(config), [i]))
 
 
+def recordings(config: GenerateConfig, count: int) -> list[dict[str, np.ndarray]]:
+    """The first ones, made together, as a shard's are: no number depends on that."""
+    return list(sim.generate._recordings(config, sensor(config), range(count)))
+
+
 def sensor(config: GenerateConfig) -> sim.generate._Sensor:
     imu = config.imu
     return sim.generate._Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
@@ -85,17 +90,18 @@ def test_labels_say_what_the_sensor_felt(small):
 
 def test_headings_cover_the_circle_and_the_encoder_says_nothing(tmp_path):
     config = replace(default_config(), output="means", mean_s=240.0, recordings=144)
-    headings = np.array([recording(config, i)["heading"] for i in range(144)])
+    rows = recordings(config, 144)
+    headings = np.array([row["heading"] for row in rows])
     steps = np.rad2deg(np.diff(np.unwrap(headings)))
     assert np.abs(steps.mean() - 5) < 0.1
     assert np.ptp(np.sort(np.mod(headings, 2 * np.pi))) > np.deg2rad(350)
-    assert not any(recording(config, i)["plate_angle"].any() for i in range(3))
+    assert not any(row["plate_angle"].any() for row in rows)
 
 
 def test_the_reference_errs_as_the_control_module_does(tmp_path):
     """0.2 degrees, 1 sigma; 300 recordings: 4.5 x 1/sqrt(600) = 18%."""
     config = replace(default_config(), output="means", mean_s=240.0)
-    rows = [recording(config, i) for i in range(300)]
+    rows = recordings(config, 300)
     errors = np.rad2deg(wrap([r["heading_reference"] - r["heading"] for r in rows]))
     assert errors.std() == pytest.approx(0.2, rel=0.18)
 
@@ -105,7 +111,7 @@ def test_splits_are_exact_and_what_is_split_by_never_straddles(split_by):
     config = replace(
         default_config(), output="means", mean_s=240.0, split_by=split_by, units=20, sessions=2
     )
-    rows = [recording(config, i) for i in range(80)]
+    rows = recordings(config, 80)
     split = np.array([int(r["split"]) for r in rows])
     unit = np.array([int(r["unit"]) for r in rows])
     session = np.array([int(r["session"]) for r in rows])
@@ -124,7 +130,7 @@ def test_biases_live_as_long_as_they_should():
         "output=means",
         "mean_s=240",
     )
-    rows = [recording(config, i) for i in range(8)]
+    rows = recordings(config, 8)
     for name, key in (
         ("gyro_bias_unit", lambda r: int(r["unit"])),
         ("gyro_matrix", lambda r: int(r["unit"])),
@@ -178,7 +184,7 @@ def test_every_field_changes_the_dataset(field, tmp_path):
         own = sensor(base)
         assert layout(changed, own).recordings == layout(base, own).recordings - 59
     else:
-        before, after = ([recording(c, i) for i in range(20)] for c in (base, changed))
+        before, after = (recordings(c, 20) for c in (base, changed))
         assert any(
             b[name].shape != a[name].shape or (b[name] != a[name]).any()
             for b, a in zip(before, after, strict=True)
@@ -202,7 +208,7 @@ def test_thirty_experiments_agree_on_the_median(tmp_path):
     medians = []
     for seed in range(30):
         config = replace(default_config(), output="means", mean_s=240.0, seed=seed)
-        rows = [recording(config, i) for i in range(80)]
+        rows = recordings(config, 80)
         gyro, accel = (np.array([r[n] for r in rows]) for n in ("gyro", "accel"))
         from lbgc.estimators.level import gyrocompass, level
 
