@@ -1,5 +1,6 @@
 """Shared: entry points called as users call them, and one trained run."""
 
+import fcntl
 import os
 import sys
 
@@ -73,8 +74,26 @@ def cli(monkeypatch, capsys, tmp_path):
 
 @pytest.fixture(scope="session")
 def unit_bias_run(tmp_path_factory):
-    """One unit whose whole bias is its own: (a dataset as means, a run trained on it)."""
-    home = tmp_path_factory.mktemp("unit_bias")
+    """One unit whose whole bias is its own: (a dataset as means, a run trained on it).
+
+    All workers share them: whoever comes second finds them finished.
+    """
+    home = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        home = home.parent
+    home = home / "unit_bias"
+    home.mkdir(exist_ok=True)
+    before = os.getcwd()
+    with (home / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        os.chdir(home)
+        try:
+            return _unit_bias_run(home)
+        finally:
+            os.chdir(before)
+
+
+def _unit_bias_run(home):
     bias = ("imu.gyro.bias_run_deg_per_h=0", "imu.gyro.bias_unit_deg_per_h=1")
     dataset = generate(
         home / "d.zarr",
@@ -83,13 +102,8 @@ def unit_bias_run(tmp_path_factory):
         output="means",
         split=[60, 10, 30],
     )
-    before = os.getcwd()
-    os.chdir(home)
-    try:
-        options = (f"data={dataset.path}", "steps=600", "validate_every=100")
-        run = lbgc.train.main(composed(lbgc.train.TrainConfig, "train", *options)).resolve()
-    finally:
-        os.chdir(before)
+    options = (f"data={dataset.path}", "steps=600", "validate_every=100")
+    run = lbgc.train.main(composed(lbgc.train.TrainConfig, "train", *options)).resolve()
     return dataset, run
 
 
