@@ -13,7 +13,8 @@ from helpers import REAL_LOGS, ROOT
 README = (ROOT / "README.md").read_text()
 SMALLER = {
     "sim/generate.py": ["recordings=10", "duration_s=30"],
-    "sim/scene.py": ["width=160", "height=48", "duration_s=12"],
+    "sim/scene.py": ["width=160", "height=48", "duration_s=4", "protocol.slew_deg_per_s=180",
+                     "protocol.slew_deg_per_s2=360"],
     "lbgc/train.py": ["steps=2", "validate_every=1", "windows_s=[10]", "batch=4"],
     "lbgc/evaluate.py": ["windows_s=[10]"],
     "lbgc/fit.py": [],
@@ -22,7 +23,7 @@ SMALLER = {
     "lbgc/info.py": [],
     "lbgc/export.py": [],
     "lbgc/compare.py": [],
-}
+}  # fmt: skip
 NEEDS = {"log=lasergyro": "lasergyro.imu"}
 
 
