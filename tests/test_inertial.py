@@ -34,22 +34,62 @@ def test_without_sway_the_heading_is_exact(estimate, latitude, turn_deg_s):
     np.testing.assert_allclose(off, 0.0, atol=np.deg2rad(0.15 if turn_deg_s else 1e-3))
 
 
+# frequency in Hz and damping of the resonator
+SWAYS = {"white": None, "one hertz": (1.2, 0.15), "narrow": (1.5, 0.03)}
+
+
+def sway_of(kind, count, n, rate_hz, seed):
+    """Velocity, (count, n + 1, 3): white, or white through a resonator."""
+    lead = 500
+    velocity = 1e-3 * np.random.default_rng(seed).standard_normal((count, n + lead + 1, 3))
+    if SWAYS[kind] is not None:
+        w0 = 2 * np.pi * SWAYS[kind][0] / rate_hz
+        r = np.exp(-SWAYS[kind][1] * w0)
+        velocity = lfilter([1], [1, -2 * r * np.cos(w0), r * r], velocity, axis=1)
+    return velocity[:, lead:]
+
+
 @pytest.mark.parametrize("estimate", [oba, oba_interval])
-@pytest.mark.parametrize("sway", ["white", "one hertz"])
+@pytest.mark.parametrize("sway", SWAYS)
 def test_a_stated_sigma_is_true(estimate, sway):
     """Mean squared error over variance, 1,500 windows of 10 s: within the 10% asked for and four
     sampling errors, sqrt(2/1500) each with some more for heavy tails (5%)."""
-    count, n, rate = 1500, 200, 20.0
-    rng = np.random.default_rng(3)
-    velocity = 1e-3 * rng.standard_normal((count, n + 501, 3))
-    if sway == "one hertz":
-        w0 = 2 * np.pi * 1.2 / rate
-        r = np.exp(-0.15 * w0)
-        velocity = lfilter([1], [1, -2 * r * np.cos(w0), r * r], velocity, axis=1)
-    w = swaying(count, 10.0, rate, 34.0, (2.0, -3.0), velocity[:, 500:])
+    w = swaying(1500, 10.0, 20.0, 34.0, (2.0, -3.0), sway_of(sway, 1500, 200, 20.0, seed=3))
     found = estimate(w)
     nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
     assert 0.9 - 0.2 < nse < 1.1 + 0.2
+
+
+def test_from_zero_velocity_the_textbook_forms_sigma_is_true():
+    velocity = sway_of("white", 1500, 200, 20.0, seed=5)
+    velocity[:, 0] = 0.0
+    w = swaying(1500, 10.0, 20.0, 34.0, (2.0, -3.0), velocity)
+    found = oba_textbook(w)
+    nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
+    assert 0.9 - 0.2 < nse < 1.1 + 0.2
+
+
+@pytest.mark.parametrize("of", ["gyro", "accel"])
+def test_a_sensors_own_errors_are_in_the_sigma(of):
+    """Every in-run term and the run's bias, of one triad at a time, far above the sway: its
+    residuals show next to nothing of it. 200 windows, the 10% asked for and four sampling errors;
+    and what residuals show of an accelerometer's noise counts twice, up to a quarter."""
+    count, n, rate = 200, 300, 10.0
+    law = {"N": (1e-5,) * 3, "B": (2e-6,) * 3, "bias_run": (5e-6,) * 3, "K": (2e-7,) * 3}
+    scale = 1.0 if of == "gyro" else 2.0
+    triad = replace(getattr(IDEAL, of), **{k: tuple(scale * x for x in v) for k, v in law.items()})
+    imu = replace(IDEAL, dt=1 / rate, **{of: triad})
+    rng = np.random.default_rng(8)
+    velocity = 1e-6 * rng.standard_normal((count, n + 1, 3))
+    w = swaying(count, n / rate, rate, 34.0, (30.0, -20.0), velocity)
+    noise = triad.sample_noise(rng, count, n, 1 / rate)
+    noise = noise + rng.standard_normal((count, 1, 3)) * np.array(triad.bias_run)
+    w = replace(w, **{of: getattr(w, of) + noise})
+    for estimate in (oba, oba_bias):
+        found = estimate(w, imu)
+        nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
+        spread = 4 * np.sqrt(2 / count)
+        assert (0.9 if of == "gyro" else 0.75) - spread < nse < 1.1 + spread, estimate
 
 
 @pytest.mark.parametrize("latitude", [-50.0, 40.0])

@@ -29,10 +29,10 @@ from scipy.spatial.transform import Rotation
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravities, normal_gravity
-from lbgc.estimators import drift
+from lbgc.estimators import carried, drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.linear import check
-from lbgc.estimators.longrun import STUDENT, autocorrelation, kernel
+from lbgc.estimators.longrun import BLOCKS, variance
 from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -76,64 +76,73 @@ class _Series:
 
 def oba(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Velocity alignment with the sway's initial velocity free."""
-    return _align("oba", windows, _CENTRED)
+    return _align("oba", windows, imu, _CENTRED)
 
 
 def oba_textbook(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Velocity alignment as published, the initial velocity taken as zero (Wu et al. 2011)."""
-    return _align("oba_textbook", windows, _AS_IT_IS)
+    return _align("oba_textbook", windows, imu, _AS_IT_IS)
 
 
 def oba_interval(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Velocity alignment on differences over a sliding interval of a third of the window
     (Li et al. 2013)."""
-    return _align("oba_interval", windows, _DIFFERENCES)
+    return _align("oba_interval", windows, imu, _DIFFERENCES)
 
 
 def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Velocity alignment with a constant bias of each gyro unknown too, as large as the sensor's
     model says; of any size where that is not known. The sway's initial velocity is free.
 
-    Its sigma takes a sway that goes on as it is, and constant biases: where the sensors' own noise
-    is larger than the sway (a bench at rest), or the plate slews, it is too small; `ekf` is for
-    those.
-
     Raises InputError where the sensor is not known and no plate turns enough to tell its bias.
     """
     name = "oba_bias"
     _check(name, windows)
     bias = np.zeros((len(windows), 3))
-    size = _bias_sizes(windows, imu)
+    turning, size = _bias_sizes(windows, imu)
     series = _integrate(windows)
     c_ib0 = _davenport(_centred(series.alpha), _centred(series.beta))
+    noise = np.empty(len(windows))
     for again in range(_PASSES):
         if again:
             series = _integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
-        of_bias = _of_bias(windows, series)
+        of_bias = np.einsum("wij,wnjk->wnik", c_ib0, _of_bias(windows, series))[:, :, :2]
+        left = (series.beta - np.einsum("wij,wtj->wti", c_ib0, series.alpha))[..., :2]
+        every = list(zip(series.beta, left, of_bias, size, bias, strict=True))
+        if not again:
+            noise = np.array([_noise(*own[:4]) for own in every])
         fits = [
-            _fit(series.beta[row], c_ib0[row] @ series.alpha[row].T, c_ib0[row] @ of_bias[row],
-                 bias[row], size[row])
-            for row in range(len(windows))
-        ]  # fmt: skip
-        turn, step, sigma = (np.array(part) for part in zip(*fits, strict=True))
+            _fit(*own[:3], bias=own[4], size=own[3], noise=n)
+            for own, n in zip(every, noise, strict=True)
+        ]
+        turn, step, g = (np.array(part) for part in zip(*fits, strict=True))
         c_ib0, bias = rotation_matrix(turn) @ c_ib0, bias + step
-    if imu is None and sigma.max(initial=0.0) > _NO_ANSWER:
+    sway = noise**2 * np.sum(g**2, axis=(1, 2))
+    unknown = sway + np.sum((np.einsum("wni,wnik->wk", g, of_bias) * turning) ** 2, axis=1)
+    if imu is not None:
+        c_ib = c_ib0[:, None] @ series.turned
+        unknown = unknown + carried.variance(windows, imu, c_ib, g)
+    elif unknown.max(initial=0.0) > _NO_ANSWER**2:
         about = "is not known, and the plate does not turn enough to tell a gyro's bias from north"
         raise refusal(name, "imu", "", about)
     series = _integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
-    return Estimate(_mean_heading(c_ib0, series, windows), np.minimum(sigma, _UNIFORM))
+    sigma = np.minimum(np.sqrt(unknown), _UNIFORM)
+    return Estimate(_mean_heading(c_ib0, series, windows), sigma)
 
 
-def _bias_sizes(windows: Windows, imu: ImuModel | None) -> np.ndarray:
-    """1 sigma, (W, 3), rad/s, of what stays constant in the gyros: on a plate that turns,
-    misalignment towards z is one more bias, and z's scale error."""
+def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.ndarray]:
+    """1 sigma, (W, 3), rad/s, of what stays constant in the gyros: that which no model of the
+    sensor's errors has (on a plate that turns, misalignment towards z is one more bias, and z's
+    scale error), and all of it."""
     if imu is None:
-        return np.full((len(windows), 3), _ANY_BIAS)
+        of_any = np.full((len(windows), 3), _ANY_BIAS)
+        return of_any, of_any
     g = normal_gravities(windows.latitude)
     law = drift.of_gyro(imu, windows.duration_s, windows.start_s, windows.latitude, g)
     of_z = np.square([*imu.gyro.misalignment_unit[:2], imu.gyro.scale_unit[2]])
     turning = np.outer(np.mean(windows.gyro[..., 2], axis=1) ** 2, of_z)
-    return np.asarray(np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS)
+    every = np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS
+    return np.sqrt(turning), np.asarray(every)
 
 
 def _of_bias(windows: Windows, series: _Series) -> np.ndarray:
@@ -146,39 +155,54 @@ def _of_bias(windows: Windows, series: _Series) -> np.ndarray:
     return np.asarray(np.cumsum(skew(force) @ middle, axis=1) * dt)
 
 
-def _fit(
-    beta: np.ndarray, fitted: np.ndarray, of_bias: np.ndarray, bias: np.ndarray, size: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The rotation still missing, (3,), the bias still missing, (3,), and the heading's sigma, rad.
+def _noise(beta: np.ndarray, left: np.ndarray, of_bias: np.ndarray, size: np.ndarray) -> float:
+    """Of velocity, m/s, as white noise that the heading would err by as much: by what is left when
+    biases are free, where the fit itself looks. Arguments as `_fit` takes them."""
+    columns = _with_biases(beta, of_bias)
+    flat = left.T.ravel()
+    basis, values, _ = np.linalg.svd(columns / _lengths(columns), full_matrices=False)
+    basis = basis[:, values > _RANK * values[0]]
+    rest = flat - basis @ (basis.T @ flat)
+    about = float(np.sqrt(np.sum(rest**2) / (len(flat) - basis.shape[1]))) + _LEAST_VELOCITY
+    _, _, g = _fit(beta, left, of_bias, 0 * size, size, about)
+    heard = _of_sway(rest.reshape(1, 2, -1).swapaxes(1, 2), columns, g)[0]
+    return float(np.sqrt(heard / np.sum(g**2))) + _LEAST_VELOCITY
 
-    beta : (T, 3); fitted : C alpha, (3, T); of_bias : C Gamma, (T, 3, 3); bias, size : (3,), what
-    was taken off already, and 1 sigma of the whole. Least squares with the bias's law as three more
-    equations; velocity's noise by what is left when biases are free, as in `_sigma`.
+
+def _fit(
+    beta: np.ndarray,
+    left: np.ndarray,
+    of_bias: np.ndarray,
+    bias: np.ndarray,
+    size: np.ndarray,
+    noise: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The rotation still missing, (3,), the bias still missing, (3,), and the weights, (T, 2), by
+    which velocity makes the heading.
+
+    beta : (T, 3); left : beta less C alpha, (T, 2); of_bias : C Gamma, (T, 2, 3); bias, size :
+    (3,), what was taken off already, and 1 sigma of the whole; noise : m/s. Least squares with the
+    bias's law as three more equations.
     """
     n = len(beta)
-    left = (beta - fitted.T)[:, :2]
+    columns = _with_biases(beta, of_bias)
+    at = columns.shape[1] - 4
+    law = np.concatenate([np.zeros((3, at + 1)), np.diag(1 / size)], axis=1)
+    every = np.concatenate([columns / noise, law])
+    length = _lengths(every)
+    solve = np.linalg.pinv(every / length, rcond=1e-13) / length[:, None]
+    missing = solve @ np.concatenate([left.T.ravel() / noise, -bias / size])
+    return missing[[0, 1, at]], missing[at + 1 :], solve[at, : 2 * n].reshape(2, n).T / noise
+
+
+def _with_biases(beta: np.ndarray, of_bias: np.ndarray) -> np.ndarray:
+    """Columns as `_regressor_columns`, and how velocity moves with the three biases."""
     free = _regressor_columns(beta, offsets=True)
-    columns = np.concatenate([free, of_bias[:, :2].swapaxes(0, 1).reshape(2 * n, 3)], axis=1)
-    flat, length = left.T.ravel(), np.linalg.norm(columns, axis=0)
-    basis, values, _ = np.linalg.svd(columns / np.maximum(length, 1e-300), full_matrices=False)
-    basis = basis[:, values > _RANK * values[0]]
-    rest = (flat - basis @ (basis.T @ flat)).reshape(2, n).T
-    explained = np.moveaxis(basis.reshape(2, n, -1), 0, 1)
-    law = np.concatenate([np.zeros((3, free.shape[1])), np.diag(1 / size)], axis=1)
-    at = free.shape[1] - 1
-    noise = np.sqrt(np.sum(rest**2) / (2 * n - basis.shape[1])) + _LEAST_VELOCITY
-    for last in (False, True):  # the noise where the fit itself looks
-        every = np.concatenate([columns / noise, law])
-        length = np.linalg.norm(every, axis=0)
-        solve = np.linalg.pinv(every / length, rcond=1e-13) / length[:, None]
-        if not last:
-            g = solve[at, : 2 * n].reshape(2, n).T
-            weights, of_white = kernel(g), np.sum(g**2)
-            found = np.sum(weights * autocorrelation(rest)[: len(weights)])
-            taken = np.sum(weights[..., None] * autocorrelation(explained)[: len(weights)])
-            noise = np.sqrt(STUDENT * found / (of_white - taken)) + _LEAST_VELOCITY
-    missing = solve @ np.concatenate([flat / noise, -bias / size])
-    return missing[[0, 1, at]], missing[at + 1 :], float(np.linalg.norm(solve[at]))
+    return np.concatenate([free, of_bias.swapaxes(0, 1).reshape(len(free), 3)], axis=1)
+
+
+def _lengths(columns: np.ndarray) -> np.ndarray:
+    return np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
 
 
 def _centred(series: np.ndarray) -> np.ndarray:
@@ -212,12 +236,12 @@ def _check(name: str, windows: Windows) -> None:
         raise refusal(name, samples, "", about)
 
 
-def _align(name: str, windows: Windows, form: _Form) -> Estimate:
+def _align(name: str, windows: Windows, imu: ImuModel | None, form: _Form) -> Estimate:
     _check(name, windows)
     series = _integrate(windows)
     c_ib0 = _davenport(form.of(series.alpha), form.of(series.beta))
     heading = _mean_heading(c_ib0, series, windows)
-    return Estimate(heading, _sigma(c_ib0, series, form))
+    return Estimate(heading, _sigma(c_ib0, series, form, windows, imu))
 
 
 def _integrate(windows: Windows) -> _Series:
@@ -287,42 +311,60 @@ def _mean_heading(c_ib0: np.ndarray, series: _Series, windows: Windows) -> np.nd
     return wrap(heading)
 
 
-def _sigma(c_ib0: np.ndarray, series: _Series, form: _Form) -> np.ndarray:
-    """Of the heading, (W,), from what the fit leaves: the sway's velocity r.
+def _sigma(
+    c_ib0: np.ndarray, series: _Series, form: _Form, windows: Windows, imu: ImuModel | None
+) -> np.ndarray:
+    """Of the heading, (W,): the sway's share, and where the sensor is known what it errs by.
 
     A small rotation phi of the fit moves it by phi x beta, so phi is a linear regression and the
-    heading's error is G' D r/(G' G): G the heading's regressor with the tilts' and the offset's
-    share taken out, D the form that was fitted. The variance of g' r, g = D' G, is estimated as
-    lbgc.estimators.longrun says. The fit took some of r with it, most where g lies: the sum is
-    divided by what it would be on average if r were white, over what that should be. It has few
-    degrees of freedom, see STUDENT.
+    heading's error is G' D r/(G' G), r the velocity that errs: G the heading's regressor with the
+    tilts' and the offset's share taken out, D the form that was fitted.
     """
     left = series.beta - np.einsum("wij,wtj->wti", c_ib0, series.alpha)
-    if form is not _AS_IT_IS:
-        left = _centred(left)
-    n = left.shape[1]
     fitted = form.of(series.beta)
-    sigma = np.empty(len(left))
-    for row in range(len(left)):
-        if row == 0 or (series.beta[row] != series.beta[row - 1]).any():  # they share a latitude
-            G = _regressor(fitted[row], offsets=False)[1]
-            basis = _regressor(series.beta[row], offsets=True)[0]
-            g, size = form.transpose(G, n), np.sum(G**2)
-            weights = kernel(g)
-            taken = np.sum(weights[..., None] * autocorrelation(basis)[: len(weights)])
-        found = np.sum(weights * autocorrelation(left[row, :, :2])[: len(weights)])
-        of_white = np.sum(g**2)
-        sigma[row] = np.sqrt(STUDENT * found * of_white / (of_white - taken)) / size
-    return sigma
+    total = np.empty(len(left))
+    for latitude in np.unique(windows.latitude):  # whose windows share beta
+        rows = np.flatnonzero(windows.latitude == latitude)
+        G = _regressor(fitted[rows[0]])
+        g, size = form.transpose(G, left.shape[1]), np.sum(G**2)
+        columns = _regressor_columns(series.beta[rows[0]], offsets=form is not _AS_IT_IS)
+        total[rows] = _of_sway(left[rows], columns, g)
+        if imu is not None:
+            c_ib = c_ib0[rows, None] @ series.turned[rows]
+            total[rows] += carried.variance(windows.rows(rows), imu, c_ib, g[None])
+        total[rows] /= size**2
+    return np.sqrt(total)
 
 
-def _regressor(beta: np.ndarray, offsets: bool) -> tuple[np.ndarray, np.ndarray]:
+def _of_sway(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Variance of g' r, (W,), (m/s)^2, r the sway's velocity: see lbgc.estimators.longrun.
+
+    left : (W, T, >= 2), what is left of it; columns : (2 T, p), forward above right, what the fit
+    could explain; g : (T, 2). Forward and right are taken as independent of each other.
+    """
+    n = len(g)
+    size = -(-n // BLOCKS)
+    whole = n // size * size
+
+    def blocks(values: np.ndarray) -> np.ndarray:
+        return np.asarray(values[..., :whole].reshape(*values.shape[:-1], -1, size).sum(axis=-1))
+
+    total = np.zeros(len(left))
+    for axis in (0, 1):
+        own = blocks(columns[axis * n : (axis + 1) * n].T).T
+        basis, values, _ = np.linalg.svd(own / np.linalg.norm(columns, axis=0), full_matrices=False)
+        basis = basis[:, values > _RANK * values[0]]
+        velocity = blocks(left[..., axis]) / size
+        velocity = velocity - velocity @ basis @ basis.T
+        total += variance(velocity, basis.T[None], blocks(g[:, axis])[None, None])
+    return total
+
+
+def _regressor(beta: np.ndarray) -> np.ndarray:
     """How the horizontal velocity moves with the heading alone, (T, 2): phi_z x beta with what
-    tilts, and offsets, could explain projected out; and an orthonormal basis (T, 2, 3 or 5) of all
-    that a fit can explain."""
-    basis, triangle = np.linalg.qr(_regressor_columns(beta, offsets))
-    G = basis[:, -1] * triangle[-1, -1]
-    return np.moveaxis(basis.reshape(2, -1, basis.shape[1]), 0, 1), G.reshape(2, -1).T
+    tilts could explain projected out."""
+    basis, triangle = np.linalg.qr(_regressor_columns(beta, offsets=False))
+    return np.asarray((basis[:, -1] * triangle[-1, -1]).reshape(2, -1).T)
 
 
 def _regressor_columns(beta: np.ndarray, offsets: bool) -> np.ndarray:

@@ -37,7 +37,6 @@ from lbgc.estimators import drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import bayes
 from lbgc.estimators.linear import check, needs_model
-from lbgc.estimators.longrun import STUDENT
 from lbgc.estimators.steps import Steps, coarse, cut_steps, sway
 from lbgc.frames import matrix_to_euler, rotation_matrix, rotation_z, skew, wrap
 from lbgc.sensor.imu import ImuModel
@@ -98,7 +97,7 @@ def _answer(windows: Windows, imu: ImuModel) -> Estimate:
     swaying = windows.rows(moves)
     fast = cut_steps(swaying, imu, max(1, int(windows.rate_hz / _FAST_HZ)), True, "ekf")
     noise = sway(fast, "ekf")
-    again, _ = _filter(swaying, imu, fast, STUDENT * noise, still=False)
+    again, _ = _filter(swaying, imu, fast, noise, still=False)
     found.heading[moves], found.sigma[moves] = again.heading, again.sigma
     return found
 
