@@ -19,7 +19,8 @@ from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import wrap
 
 COUNT = 250
-OPTIMUM = {"static": "gls", "two_position": "two_position_weighted"}
+OPTIMUM = {"static": "gls", "two_position": "two_position_weighted",
+           "carousel": "carousel_weighted"}  # fmt: skip
 
 
 def rows(w: Windows, which: slice) -> Windows:
