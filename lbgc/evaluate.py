@@ -27,7 +27,7 @@ from lbgc.errors import InputError, build, require, require_choice, require_posi
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
-from lbgc.metrics import Ratio, Summary, rmse_ratio, time_to_reach
+from lbgc.metrics import Ratio, Reach, Summary, rmse_interval, rmse_ratio, times_to_reach
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
@@ -266,7 +266,7 @@ def _evaluate(
     notes = [*subject.notes, *notes, *evaluation.why_not()]
     by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
     over = _over_floor(evaluation, keys)
-    reach = _reach(config, rows)
+    reach = _reach(config, evaluation, keys)
     return Result(subject, rows, absolute, notes, reach, over, by_heading), evaluation
 
 
@@ -284,26 +284,27 @@ def _over_floor(
 
 
 def _reach(
-    config: EvaluateConfig, rows: Mapping[tuple[str, float], Summary]
-) -> dict[str, dict[float, str]]:
-    """Estimator -> error in degrees -> the window length that it takes, in words."""
+    config: EvaluateConfig, evaluation: Evaluation, keys: Sequence[tuple[str, float]]
+) -> dict[str, dict[float, Reach]]:
+    """Estimator -> error in degrees -> the window length that it takes."""
     found = {}
-    for name in dict.fromkeys(name for name, _ in rows):
-        own = sorted((w, s.rmse_deg) for (n, w), s in rows.items() if n == name)
-        windows, rmse = zip(*own, strict=True)
-        found[name] = {e: time_to_reach(windows, rmse, e) for e in config.reach_deg}
+    for name in dict.fromkeys(name for name, _ in keys):
+        own = {w: evaluation.answers[n, w] for n, w in keys if n == name}
+        errors = {w: (a.all_of("errors"), a.all_of("recording")) for w, a in own.items()}
+        found[name] = times_to_reach(errors, config.reach_deg)
     return found
 
 
-def _per_heading(answers: Answers) -> list[dict[str, float]]:
-    """RMSE by true heading, in sectors of 30 degrees about their middles."""
+def _per_heading(answers: Answers) -> list[dict]:
+    """RMSE by true heading, in sectors of 30 degrees about their middles, and its 95% interval."""
     sector = np.round(np.rad2deg(answers.all_of("heading")) / 30).astype(int) % 12
-    errors = np.rad2deg(answers.all_of("errors"))
+    errors, recording = np.rad2deg(answers.all_of("errors")), answers.all_of("recording")
     return [
         {
             "heading_deg": 30.0 * s,
             "windows": int(np.sum(sector == s)),
             "rmse_deg": float(np.sqrt(np.mean(errors[sector == s] ** 2))),
+            "interval": rmse_interval(errors[sector == s], recording[sector == s]),
         }
         for s in np.unique(sector)
     ]
@@ -361,7 +362,7 @@ def _as_json(config: EvaluateConfig, result: Result, evaluation: Evaluation) -> 
             for (name, window), summary in result.rows.items()
         ],
         "time_to_reach": {
-            name: {f"{error:g} deg": said for error, said in by_error.items()}
+            name: {f"{error:g} deg": asdict(said) for error, said in by_error.items()}
             for name, by_error in result.reach.items()
         },
         "left_out": [

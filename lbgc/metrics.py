@@ -180,18 +180,104 @@ class _Sums:
         return found
 
 
+def rmse_interval(errors: np.ndarray, recording: np.ndarray) -> tuple[float, float] | None:
+    """95% of the RMSE of errors (W,), in their unit: bootstrap over recordings, (W,); None of one
+    window."""
+    if len(errors) < 2:
+        return None
+    own = _numbers(recording)
+    squares, windows = np.bincount(own, errors**2), np.bincount(own)
+    drawn = [np.sqrt((w @ squares) / (w @ windows)) for w in _resamples(len(squares))]
+    low, high = np.percentile(np.concatenate(drawn), [2.5, 97.5])
+    return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The window length at which an RMSE comes down to an error, in words."""
+
+    value: str
+    low: str | None
+    """95%, bootstrap over recordings, the same ones at every length (over windows where one
+    recording has them all); None of one window a length"""
+    high: str | None
+
+
+def times_to_reach(
+    errors: Mapping[float, tuple[np.ndarray, np.ndarray]], targets_deg: Sequence[float]
+) -> dict[float, Reach]:
+    """Target -> the window length that it takes.
+
+    errors : window length in s -> errors (W,), rad, and which recording each is of, (W,).
+    """
+    windows_s = sorted(errors)
+    rmse = [_rmse_deg(errors[w][0]) for w in windows_s]
+    drawn = _drawn_rmse_deg([errors[w] for w in windows_s])
+    found = {}
+    for target in targets_deg:
+        low = high = None
+        if drawn is not None:
+            seconds = [_seconds(windows_s, row, target) for row in drawn]
+            # as drawn: between a time and never there is nothing to interpolate
+            low, high = (
+                _in_words(float(end), windows_s[0])
+                for end in np.percentile(seconds, [2.5, 97.5], method="nearest")
+            )
+        found[target] = Reach(time_to_reach(windows_s, rmse, target), low, high)
+    return found
+
+
+def _rmse_deg(errors: np.ndarray) -> float:
+    return float(np.rad2deg(np.sqrt(np.mean(errors**2))))
+
+
+def _drawn_rmse_deg(errors: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray | None:
+    """Of each resample at each length, (B, L)."""
+    every = np.unique(np.concatenate([recording for _, recording in errors]))
+    if len(every) == 1:
+        if min(len(e) for e, _ in errors) < 2:
+            return None
+        drawn = []
+        for e, _ in errors:
+            parts = [np.sqrt(w @ np.rad2deg(e) ** 2 / len(e)) for w in _resamples(len(e))]
+            drawn.append(np.concatenate(parts))
+        return np.stack(drawn, axis=1)
+    squares, windows = np.zeros((2, len(every), len(errors)))
+    for column, (e, recording) in enumerate(errors):
+        own = np.searchsorted(every, recording)
+        squares[:, column] = np.bincount(own, np.rad2deg(e) ** 2, len(every))
+        windows[:, column] = np.bincount(own, minlength=len(every))
+    sums = [(w @ squares, w @ windows) for w in _resamples(len(every))]
+    total, count = (np.concatenate(part) for part in zip(*sums, strict=True))
+    answered = (count > 0).all(axis=1)  # a draw may lack the few recordings that are long enough
+    return np.asarray(np.sqrt(total[answered] / count[answered]))
+
+
 def time_to_reach(windows_s: Sequence[float], rmse_deg: Sequence[float], error_deg: float) -> str:
     """The window length at which an estimator's RMSE comes down to this error for good, in words:
     interpolated between window lengths, both in logarithms; "never" where it does not.
 
     windows_s : ascending, s.
     """
+    return _in_words(_seconds(windows_s, rmse_deg, error_deg), windows_s[0])
+
+
+def _in_words(seconds: float, shortest_s: float) -> str:
+    if seconds <= shortest_s:
+        return f"<= {shortest_s:g} s"
+    return "never" if np.isinf(seconds) else f"{seconds:.3g} s"
+
+
+def _seconds(
+    windows_s: Sequence[float], rmse_deg: Sequence[float] | np.ndarray, error_deg: float
+) -> float:
+    """The same; the shortest length where no longer one is needed, infinity for never."""
     above = [i for i, rmse in enumerate(rmse_deg) if rmse > error_deg]
     if not above:
-        return f"<= {windows_s[0]:g} s"
+        return windows_s[0]
     last = above[-1]
     if last == len(windows_s) - 1:
-        return "never"
+        return np.inf
     x0, x1 = np.log(windows_s[last]), np.log(windows_s[last + 1])
     y0, y1 = np.log(rmse_deg[last]), np.log(max(rmse_deg[last + 1], 1e-12))
-    return f"{np.exp(x0 + (np.log(error_deg) - y0) / (y1 - y0) * (x1 - x0)):.3g} s"
+    return float(np.exp(x0 + (np.log(error_deg) - y0) / (y1 - y0) * (x1 - x0)))

@@ -266,8 +266,16 @@ def test_every_window_is_in_the_csv(cli, tmp_path, dataset):
         assert sum(s["windows"] for s in row["by_heading"]) == row["windows"]
         parts = sum(s["windows"] * s["rmse_deg"] ** 2 for s in row["by_heading"])
         assert parts / row["windows"] == pytest.approx(row["rmse_deg"] ** 2)
+        for s in row["by_heading"]:
+            if s["windows"] > 1:
+                assert s["interval"][0] <= s["rmse_deg"] <= s["interval"][1]
+            else:
+                assert s["interval"] is None
         for name, (low, high) in row["intervals"].items():
             assert low <= row[name] <= high, name
+    for by_error in said["time_to_reach"].values():
+        for reach in by_error.values():
+            assert all(t == "never" or t.endswith(" s") for t in reach.values())
     starts = {float(line["start_s"]) for line in lines if line["window_s"] == "20"}
     assert starts == {0.0, 20.0, 40.0}
     assert len({line["recording"] for line in lines}) == len(dataset.in_split("test"))

@@ -6,7 +6,14 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from lbgc.metrics import RESAMPLES, rmse_ratio, summarise, time_to_reach
+from lbgc.metrics import (
+    RESAMPLES,
+    rmse_interval,
+    rmse_ratio,
+    summarise,
+    time_to_reach,
+    times_to_reach,
+)
 
 
 def test_an_interval_is_as_wide_as_theory_says(rng):
@@ -102,6 +109,59 @@ def test_the_time_to_an_error_is_interpolated_in_logarithms():
 def test_an_error_that_comes_back_is_not_reached_before():
     assert time_to_reach([10, 20, 40, 80], [2.0, 0.5, 2.0, 0.5], 1.0) == "56.6 s"
     assert time_to_reach([10, 20], [0.5, 2.0], 1.0) == "never"
+
+
+def seconds(said: str) -> float:
+    return float(said.removesuffix(" s"))
+
+
+def test_a_time_has_an_interval_as_wide_as_theory_says(rng):
+    """RMSE 10/sqrt(T) of n independent errors at each length: a time goes with its square, so that
+    between two lengths it errs by 2/sqrt(2 n) of each, halved as the two average: sqrt(1/n). The
+    bootstrap's own spread is some 10% of that."""
+    n = 2000
+    errors = {w: np.deg2rad(10 / np.sqrt(w)) * rng.standard_normal(n) for w in (10.0, 40.0, 160.0)}
+    own = {w: (e, np.arange(n)) for w, e in errors.items()}
+    said = times_to_reach(own, [5.0, 10 / np.sqrt(20.0), 0.1])
+    assert said[0.1].value == said[0.1].low == said[0.1].high == "never"
+    assert said[5.0].low == said[5.0].high == "<= 10 s"
+    middle = said[10 / np.sqrt(20.0)]
+    rmse = [np.rad2deg(np.sqrt(np.mean(e**2))) for e in errors.values()]
+    assert middle.value == time_to_reach(list(errors), rmse, 10 / np.sqrt(20.0))
+    low, value, high = (seconds(s) for s in (middle.low, middle.value, middle.high))
+    assert low < value < high
+    assert (high - low) / 2 == pytest.approx(1.96 * 20.0 / np.sqrt(n), rel=0.3)
+
+
+def test_an_interval_may_end_at_never_and_draws_the_same_recordings_at_every_length(rng):
+    """Each recording has one error, halved at the longer length: where the RMSE is met at the
+    short one for half of the draws, an interval over independent draws would be wider."""
+    own = np.deg2rad(rng.standard_normal(300))
+    number = np.arange(300)
+    rmse = np.rad2deg(np.sqrt(np.mean(own**2)))
+    said = times_to_reach({10.0: (own, number), 20.0: (own / 2, number)}, [0.5 * rmse, 0.75 * rmse])
+    assert said[0.5 * rmse].high == "never"
+    assert said[0.5 * rmse].low not in ("never", "<= 10 s")
+    low, high = (seconds(s) for s in (said[0.75 * rmse].low, said[0.75 * rmse].high))
+    # log T is linear in log error, whose interval is 1.96/sqrt(600)
+    assert np.log(high / low) == pytest.approx(2 * 1.96 / np.sqrt(600), rel=0.3)
+
+
+def test_one_recordings_times_are_over_its_windows(rng):
+    many, few = (np.deg2rad(s * rng.standard_normal(n)) for s, n in ((2.0, 40), (1.0, 20)))
+    said = times_to_reach({10.0: (many, 0 * many), 20.0: (few, 0 * few)}, [1.4])[1.4]
+    assert seconds(said.low) < seconds(said.value) < seconds(said.high)
+    one = times_to_reach({10.0: (many[:1], np.zeros(1))}, [1.4])[1.4]
+    assert one.low is None
+    assert one.high is None
+
+
+def test_an_rmses_own_interval_is_the_summarys(rng):
+    own = np.repeat(np.arange(40), 5)
+    errors = np.deg2rad(rng.standard_normal(200))
+    whole = summarise(errors, np.zeros(200), recording=own).intervals["rmse_deg"]
+    np.testing.assert_allclose(rmse_interval(np.rad2deg(errors), own), whole)
+    assert rmse_interval(errors[:1], own[:1]) is None
 
 
 def test_a_ratio_is_paired(rng):

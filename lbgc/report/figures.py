@@ -80,15 +80,17 @@ def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[floa
 
 
 def error_by_heading(
-    rows: Mapping[str, tuple[Sequence[float], Sequence[float]]], window_s: float
+    rows: Mapping[str, Sequence[tuple[float, float, tuple[float, float] | None]]], window_s: float
 ) -> Figure:
-    """rows : estimator -> (middles of sectors of true heading in deg, RMSE in deg)."""
+    """rows : estimator -> for each sector of true heading its middle, its RMSE, and 95% of that;
+    deg."""
     title = f"Error by heading, windows of {window_s:g} s"
     figure, axes = _figure(title, "true heading, deg", "heading RMSE, deg")
-    for (name, (headings, errors)), colour in zip(
-        rows.items(), cycle(ESTIMATOR_COLOURS), strict=False
-    ):
+    for (name, sectors), colour in zip(rows.items(), cycle(ESTIMATOR_COLOURS), strict=False):
+        headings, errors, intervals = zip(*sectors, strict=True)
         axes.plot(headings, errors, "o-", color=colour, label=name)
+        ends = [(e, e) if own is None else own for e, own in zip(errors, intervals, strict=True)]
+        axes.vlines(headings, *zip(*ends, strict=True), color=colour, linewidth=1)
     axes.set_xticks(range(0, 360, 30))
     axes.set_ylim(bottom=0)
     axes.legend(fontsize="small")

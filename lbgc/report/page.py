@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import build
-from lbgc.metrics import Ratio, Summary
+from lbgc.metrics import Ratio, Reach, Summary
 from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
@@ -56,12 +56,13 @@ class Result:
     sizes: Mapping[tuple[str, float], np.ndarray] = field(repr=False)
     """|error| in degrees, likewise."""
     notes: list[str]
-    reach: Mapping[str, Mapping[float, str]]
+    reach: Mapping[str, Mapping[float, Reach]]
     """Estimator -> error in degrees -> how long a window it takes."""
     over_floor: Mapping[tuple[str, float], Ratio]
     """RMSE over the floor's on the same windows, where it was asked for."""
-    by_heading: Mapping[tuple[str, float], list[dict[str, float]]]
-    """By estimator and window length: heading_deg, windows and rmse_deg of each sector."""
+    by_heading: Mapping[tuple[str, float], list[dict]]
+    """By estimator and window length: heading_deg, windows, rmse_deg and its interval (low and
+    high, or None) of each sector."""
 
     @property
     def estimators(self) -> list[str]:
@@ -205,7 +206,7 @@ def _by_heading(result: Result) -> Figure:
     common = {w for w in lengths if all((n, w) in result.rows for n in result.estimators)}
     longest = max(common or lengths)
     rows = {
-        name: ([s["heading_deg"] for s in sectors], [s["rmse_deg"] for s in sectors])
+        name: [(s["heading_deg"], s["rmse_deg"], s["interval"]) for s in sectors]
         for (name, window), sectors in result.by_heading.items()
         if window == longest
     }
