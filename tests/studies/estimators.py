@@ -1,13 +1,17 @@
 """How far is every classical estimator from the best that physics allows, and is its sigma true?
 
     make study-estimators
+    PYTHONPATH=tests:tests/studies .venv/bin/python tests/studies/estimators.py sway real_log
 
-Recordings are drawn by the product's generator (full sensors, exact block means), never from the
-covariance that the bound is made of. Every ratio is paired, over independent recordings.
+The second runs only the parts named (estimators.yaml lists them all), and its summary has their
+figures alone. Recordings are drawn by the product's generator (full sensors, exact block means),
+never from the covariance that the bound is made of. Every ratio is paired, over independent
+recordings.
 """
 
 import shutil
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -28,6 +32,7 @@ from lbgc.bound import course_of, crlb, floor, white_crlb
 from lbgc.data import logs
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, at_rate, cut
+from lbgc.errors import require_choice
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled
 from lbgc.estimators.information import Information, covariance, information, turn
@@ -305,8 +310,11 @@ def paper_baseline(report: Report, data: Mapping[str, Dataset], cases: Mapping[s
     report.summary["paper_baseline_accepts_deg_per_h"] = accepted
 
 
-def sway_windows(resonance: tuple[float, float] | None, part: int) -> Windows:
-    """Bodies at rest on average, whose site's velocity is white, or white through a resonator."""
+def sway_windows(
+    resonance: tuple[float, float] | None, part: int, turn: float = 0.0, from_rest: bool = False
+) -> Windows:
+    """Bodies at rest on average, or turning about z (rad/s), whose site's velocity is white, or
+    white through a resonator; from_rest : and zero where a window starts."""
     c = CASES["sway"]
     rng = np.random.default_rng((CASES["seed"], part))
     n, lead, count = round(c["duration_s"] * c["rate_hz"]), 1000, c["windows"] // 4
@@ -315,8 +323,38 @@ def sway_windows(resonance: tuple[float, float] | None, part: int) -> Windows:
         w0 = 2 * np.pi * resonance[0] / c["rate_hz"]
         r = np.exp(-resonance[1] * w0)
         velocity = lfilter([1], [1, -2 * r * np.cos(w0), r * r], velocity, axis=1)
-    return swaying(count, c["duration_s"], c["rate_hz"], 34.0, (2.0, -3.0), velocity[:, lead:],
-                   seed=part)  # fmt: skip
+    velocity = velocity[:, lead:]
+    if from_rest:
+        velocity[:, 0] = 0.0
+    lean = (0.0, 0.0) if turn else (2.0, -3.0)
+    return swaying(count, c["duration_s"], c["rate_hz"], 34.0, lean, velocity, seed=part, turn=turn)
+
+
+def biased_windows(imu: ImuModel, turn: float, part: int) -> Windows:
+    """The same with a run's bias on each gyro."""
+    windows = sway_windows(None, part, turn)
+    rng = np.random.default_rng((CASES["seed"], 1000 + part))
+    bias = rng.standard_normal((len(windows), 1, 3)) * imu.gyro.bias_run
+    return replace(windows, gyro=windows.gyro + bias)
+
+
+def own_sways(report: Report) -> None:
+    """Of the forms that assume more: a start at rest, and gyros with constant biases."""
+    c = CASES["sway"]
+    size = c["bias_run_deg_per_h"]
+    imu = default_config("imu=ideal", f"imu.gyro.bias_run_deg_per_h={size}").imu.model(c["rate_hz"])
+    rest = (sway_windows(None, part, from_rest=True) for part in range(4))
+    of_textbook = "white velocity from rest", scored(rest, named("oba_textbook"), None)
+    of_bias = (
+        (f"{size} deg/h, {label}",
+         scored((biased_windows(imu, np.deg2rad(turn), part) for part in range(4)),
+                named("oba_bias"), imu))
+        for label, turn in c["bias_turns_deg_per_s"].items()
+    )  # fmt: skip
+    for name, found in (of_textbook, *of_bias):
+        for estimator, own in found.items():
+            report.line(f"{name:24s} {estimator:14s} {own.rmse_deg:8.3f}  {own.nse:.3f}")
+            _note_nees(f"{estimator}, {name}", own)
 
 
 def sway(report: Report, vehicle: Dataset, case: Case) -> None:
@@ -330,8 +368,10 @@ def sway(report: Report, vehicle: Dataset, case: Case) -> None:
             report.line(f"{name:24s} {estimator:14s} {own.rmse_deg:8.3f}  {own.nse:.3f}")
             if estimator != "oba_textbook":  # its zero initial velocity is not so here
                 _note_nees(f"{estimator}, {name}", own)
+    own_sways(report)
     for window in c["vehicle_windows_s"]:
-        found = scored(first_windows(vehicle, window, 50), named(*names, "mean"), case.imu)
+        every = named(*names, "oba_bias", "ekf", "mean")
+        found = scored(first_windows(vehicle, window, 50), every, case.imu)
         for estimator, own in found.items():
             label = f"vehicle scene, {window} s"
             report.line(f"{label:24s} {estimator:14s} {own.rmse_deg:8.3f}  {own.nse:.3f}")
@@ -389,27 +429,55 @@ def stated_sigmas(report: Report) -> None:
     report.summary["nees_max"] = max(value for value, _, _ in _NEES.values())
 
 
-def main() -> None:
-    cases = white_cases() | gaussian_cases() | protocol_cases() | paper_cases()
-    cases |= {"general_form": general_form_case(), "vehicle": vehicle_case()}
-    with Report("studies/estimators") as report:
-        with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-            done = pool.map(generated, cases.values())
-            data = dict(zip(cases, tqdm(done, "datasets", len(cases)), strict=True))
-        white(report, data, white_cases())
+@dataclass(frozen=True)
+class Part:
+    cases: Mapping[str, Case]
+    run: Callable[[Report, Mapping[str, Dataset], Mapping[str, Case]], None]
+
+
+def parts() -> dict[str, Part]:
+    def general(report: Report, data: Mapping[str, Dataset], _: Mapping[str, Case]) -> None:
         general_form(report, data["general_form"])
-        gaussian(report, data, gaussian_cases())
-        brute_force(report, data["bias_1"], cases["bias_1"])
-        protocols(report, data, protocol_cases())
-        paper_baseline(report, data, paper_cases())
-        sway(report, data["vehicle"], cases["vehicle"])
+
+    def bounds(report: Report, data: Mapping[str, Dataset], own: Mapping[str, Case]) -> None:
+        gaussian(report, data, own)
+        brute_force(report, data["bias_1"], own["bias_1"])
+
+    def moving(report: Report, data: Mapping[str, Dataset], own: Mapping[str, Case]) -> None:
+        sway(report, data["vehicle"], own["vehicle"])
+
+    def log(report: Report, _: Mapping[str, Dataset], __: Mapping[str, Case]) -> None:
         if (REAL_LOGS / "lasergyro.imu").exists():
             real_log(report)
         else:
             report.line("lasergyro is left out: no recording under $LBGC_REAL_LOGS")
-        stated_sigmas(report)
-    shutil.rmtree(DIRECTORY / "data")
+
+    return {
+        "white": Part(white_cases(), white),
+        "general_form": Part({"general_form": general_form_case()}, general),
+        "gaussian": Part(gaussian_cases(), bounds),
+        "protocols": Part(protocol_cases(), protocols),
+        "paper": Part(paper_cases(), paper_baseline),
+        "sway": Part({"vehicle": vehicle_case()}, moving),
+        "real_log": Part({}, log),
+    }
+
+
+def main(names: Sequence[str]) -> None:
+    asked = {name: part for name, part in parts().items() if name in names}
+    cases = {name: case for part in asked.values() for name, case in part.cases.items()}
+    with Report("studies/estimators") as report:
+        with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+            done = pool.map(generated, cases.values())
+            data = dict(zip(cases, tqdm(done, "datasets", len(cases)), strict=True))
+        for part in asked.values():
+            part.run(report, data, part.cases)
+        if _NEES:
+            stated_sigmas(report)
+    shutil.rmtree(DIRECTORY / "data", ignore_errors=True)
 
 
 if __name__ == "__main__":
-    main()
+    for name in sys.argv[1:]:
+        require_choice("part", name, CASES["parts"])
+    main(sys.argv[1:] or CASES["parts"])
