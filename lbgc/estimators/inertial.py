@@ -75,7 +75,12 @@ class _Series:
 
 
 def oba(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """Velocity alignment with the sway's initial velocity free."""
+    """Velocity alignment with the sway's initial velocity free.
+
+    imu : without it sigma is the sway's alone, and on a quiet base too small; see
+    lbgc.estimators.carried. What of an accelerometer's noise shows in the residuals counts twice:
+    where that is most of what they show, sigma is up to a tenth too large.
+    """
     return _align("oba", windows, imu, _CENTRED)
 
 
