@@ -27,7 +27,7 @@ from lbgc.errors import InputError, build, require, require_choice, require_posi
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
-from lbgc.metrics import Ratio, Reach, Summary, rmse_interval, rmse_ratio, times_to_reach
+from lbgc.metrics import Ratio, Reach, rmse_interval, rmse_ratio, times_to_reach
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
