@@ -361,7 +361,7 @@ def _of_sway(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.ndarray
         basis = basis[:, values > _RANK * values[0]]
         velocity = blocks(left[..., axis]) / size
         velocity = velocity - velocity @ basis @ basis.T
-        total += variance(velocity, basis.T[None], blocks(g[:, axis])[None, None])
+        total += variance(velocity[:, None], basis.T[None], blocks(g[:, axis])[None, None])
     return total
 
 

@@ -26,7 +26,9 @@ a third more error than the optimum.
 
 Whether the base rests is asked of the filter: where its innovations are much larger than it
 expects, the window is answered again at 10 Hz or faster, C carried by the gyros throughout, and
-with velocity as noisy as the window shows it to be (see lbgc.estimators.longrun).
+with velocity as noisy as the window shows it to be (see lbgc.estimators.longrun). Steps of a tenth
+of a second blur a sway of one or two cycles a second: there sigma is too large, by a tenth and more
+(`oba` sees the samples).
 """
 
 from dataclasses import dataclass

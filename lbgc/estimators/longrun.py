@@ -35,33 +35,39 @@ def variance(
 ) -> np.ndarray:
     """Of g' r, (W,), in the unit of r, squared; summed over the K rows of g.
 
-    left : (W, n), what a fit left of r; taken : (W or 1, J, n), orthonormal, what it explained;
-    g : (W or 1, K, n); inside : bool (n,), where left, taken and g count and are not zero.
+    left : (W, C, n), what a fit left of r in C directions whose spectrum is one; taken : (W or 1,
+    J, n), orthonormal, what it explained; g : (W or 1, K, n); inside : bool (n,), where left, taken
+    and g count and are not zero.
     """
-    n, inside = left.shape[1], np.ones(left.shape[1], bool) if inside is None else inside
+    directions, n = left.shape[1:]
+    inside = np.ones(n, bool) if inside is None else inside
+    samples = directions * int(inside.sum())
     size = 4 * n
     once = np.full(size // 2 + 1, 2 / size)  # of a spectrum's two sides
     once[[0, -1]] = 1 / size
     looks = once * np.sum(np.abs(np.fft.rfft(g, size)) ** 2, axis=1)
     along = once * np.abs(np.fft.rfft(taken, size)) ** 2
-    share = np.repeat(np.sum(left**2, axis=1)[:, None] / inside.sum(), taken.shape[1], axis=1)
+    share = np.repeat(np.sum(left**2, axis=(1, 2))[:, None] / samples, taken.shape[1], axis=1)
     for _ in range(_PASSES):
-        stretches = np.concatenate([left[:, None], np.sqrt(share)[..., None] * taken], axis=1)
-        a, v, order = _burg(stretches, inside)
+        back = np.sqrt(directions * share)[..., None] * taken
+        a, v, order = _burg(np.concatenate([left, back], axis=1), inside, samples)
         response = np.fft.rfft(a, size)
         spectrum = v[:, None] / np.abs(response) ** 2
         share = np.sum(spectrum[:, None] * along, axis=2)
     parts = spectrum * looks
     total = parts.sum(axis=1)
     slopes = parts / total[:, None] / response
-    errs = (2 + _of_coefficients(slopes, spectrum, v, order)) / inside.sum()
+    errs = (2 + _of_coefficients(slopes, spectrum, v, order)) / samples
     return np.asarray(total * np.exp(np.minimum(errs, _MOST_ERRS)))
 
 
-def _burg(stretches: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _burg(
+    stretches: np.ndarray, inside: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coefficients, (W, _ORDER + 1), the first 1, those beyond the order 0; the variance that they
-    leave, (W,); and the order. stretches : (W, S, n), of one process."""
-    w, n = len(stretches), int(inside.sum())
+    leave, (W,); and the order. stretches : (W, S, T), of one process; n : how many samples they
+    stand for."""
+    w = len(stretches)
     forward = backward = stretches
     whole = inside
     a = np.zeros((w, _ORDER + 1))
@@ -116,4 +122,4 @@ def velocity_noise(velocity: np.ndarray, columns: np.ndarray, g: np.ndarray) -> 
     counts = np.any(columns != 0, axis=1)
     left = np.where(counts[:, None], velocity, 0.0)
     left = left - basis @ (basis.T @ left)
-    return float(np.mean(variance(left.T, basis.T[None], g.T[None], counts))) / g.shape[1]
+    return float(variance(left.T[None], basis.T[None], g.T[None], counts)[0]) / g.shape[1]
