@@ -20,10 +20,14 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
+from lbgc import configs
 from lbgc.units import unit_of
 
 CONF = str(Path(__file__).resolve().parents[1] / "conf")
 Config = TypeVar("Config")
+
+_LONGEST = 300
+"""Characters of another's message."""
 
 Axes = float | list[float]
 """A configured value for all three axes, or one for each (forward, right, down)."""
@@ -55,6 +59,19 @@ def require(condition: bool, name: str, value: Any, choices: str | Sequence[str]
     """Raise InputError unless the condition holds; the unit is read off the parameter's name."""
     if not condition:
         raise InputError(name, value, unit_of(name), choices)
+
+
+@contextmanager
+def reading(name: str, value: Any, what: str = "cannot be read") -> Iterator[None]:
+    """Whatever another's parser raises on what it is given is said as InputError: an outside file
+    may be anything. For calls of such parsers, and nothing else."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        why = " ".join(str(error).split())[:_LONGEST] or type(error).__name__
+        raise InputError(name, value, "", f"{what} ({why})") from error
 
 
 def require_choice(name: str, value: str, choices: Sequence[str]) -> None:
@@ -168,6 +185,9 @@ def run_main(
             print(path, flush=True)
 
     try:
+        for directory in configs.brought(sys.argv[1:]):
+            with reading("--config-dir", directory, "cannot be taken"):
+                configs.check_directory(directory)
         with _never_forgotten():
             hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
         if failed:
@@ -176,7 +196,7 @@ def run_main(
         if str(error) not in failed:
             print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, RecursionError) as error:
         print(f"error: {_hydra_says(error)}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
