@@ -13,6 +13,24 @@ def fingerprint(configuration: Mapping) -> str:
     return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
+UNSEALED = "0" * 64
+"""Stands where the seal will."""
+
+
+def seal(content: bytes) -> bytes:
+    """The content with the SHA-256 of itself in the place of its first UNSEALED."""
+    own = hashlib.sha256(content).hexdigest()
+    return content.replace(UNSEALED.encode(), own.encode(), 1)
+
+
+def is_sealed(content: bytes, own: str) -> bool:
+    """Whether the content is still what `seal` made it, `own` being the checksum found in it."""
+    if len(own) != len(UNSEALED):
+        return False
+    opened = content.replace(own.encode(), UNSEALED.encode(), 1)
+    return hashlib.sha256(opened).hexdigest() == own
+
+
 def task_directory(task: str, identity: str) -> Path:
     """outputs/<task>/<identity>, made."""
     directory = Path("outputs") / task / identity
@@ -26,6 +44,13 @@ def mark_latest(directory: Path) -> None:
     new.unlink(missing_ok=True)
     new.symlink_to(directory.name)
     new.replace(directory.with_name("latest"))
+
+
+def read_file(path: Path) -> bytes:
+    """A file's content. Raises OSError where there is none, or a pipe or device without an end."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} is no file")
+    return path.read_bytes()
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:

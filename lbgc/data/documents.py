@@ -80,6 +80,19 @@ def documents(layout: Layout, attributes: Mapping) -> dict[str, bytes]:
     return {name: files[name].to_bytes() for name in DOCUMENTS}
 
 
+def grid(
+    variable: Variable, layout: Layout, shape: tuple[int, ...]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Shapes of what one file holds and of what is compressed together."""
+    shard = (layout.shard, *shape[1:])
+    if variable.dims != RECORDED:
+        return shard, shard
+    per_chunk = max(1, int(_CHUNK_BYTES // (12 * layout.samples))) if layout.shard > 16 else 1
+    while layout.shard % per_chunk:
+        per_chunk -= 1
+    return shard, (per_chunk, *shape[1:])
+
+
 def _create_array(
     root: zarr.Group, name: str, variable: Variable, layout: Layout, sizes: Mapping[str, int]
 ) -> None:
@@ -92,14 +105,8 @@ def _create_array(
         attributes["flag_values"] = list(range(len(variable.flags)))
         attributes["flag_meanings"] = " ".join(variable.flags)
     shape = tuple(sizes[d] for d in variable.dims)
-    shard = (layout.shard, *shape[1:])
-    chunk, filters = shard, []
-    if variable.dims == RECORDED:
-        bytes_each = 12 * layout.samples
-        per_chunk = max(1, int(_CHUNK_BYTES // bytes_each)) if layout.shard > 16 else 1
-        while layout.shard % per_chunk:
-            per_chunk -= 1
-        chunk, filters = (per_chunk, *shape[1:]), [TransposeCodec(order=(0, 2, 1))]
+    shard, chunk = grid(variable, layout, shape)
+    filters = [TransposeCodec(order=(0, 2, 1))] if variable.dims == RECORDED else []
     root.create_array(
         name=name,
         shape=shape,

@@ -2,18 +2,17 @@
 
 import os
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
+from lbgc.data import tables
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
-from lbgc.errors import InputError, require, require_choice, require_positive
+from lbgc.errors import InputError, reading, require, require_choice, require_positive
 from lbgc.units import (
     ANGLE_UNITS,
     DEG,
@@ -27,6 +26,7 @@ from lbgc.units import (
 _GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
 _ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
 _UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
+_NONSENSE = 1e30
 _HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
 
 
@@ -89,7 +89,11 @@ class LogConfig:
         for name in ("gyro_scale", "accel_scale", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
         if self.rate_hz is not None:
-            require_positive("rate_hz", self.rate_hz)
+            good = 0 < self.rate_hz < np.inf
+            require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
+        if self.heading_deg is not None:
+            good = abs(self.heading_deg) <= 360
+            require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
         if self.latitude is not None:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
 
@@ -109,32 +113,29 @@ class _Raw:
 def read(config: LogConfig) -> Iterator[Record]:
     """The log's recordings. Raises InputError for whatever is wrong with it."""
     path = _find(config.path)
-    try:
-        for raw in _READERS[config.reader](path, config):
-            yield _record(raw)
-    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        raise InputError("log.path", path, "", f"cannot be read ({error})") from error
+    for raw in _READERS[config.reader](path, config):
+        yield _record(raw)
 
 
 def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
-    """These columns of a CSV or Parquet file, and those of the optional ones that it has: float
-    (rows, columns). Raises InputError."""
-    file = _find(path)
-    try:
-        table = _read_table(file)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError("file", path, "", f"cannot be read ({error})") from error
+    """These columns of a CSV or Parquet file, and those of the optional ones that it has: finite
+    float (rows, columns). Raises InputError."""
+    file = _only_file(_find(path), path)
+    table = tables.read(file, "file")
     found = [name for name in optional if name in table.column_names]
-    return _columns(table, "columns", [*names, *found], file.stem)
+    values = tables.columns(table, "columns", [*names, *found], file.stem)
+    _require_finite(file.name, values, [*names, *found])
+    return values
 
 
 def _find(path: str) -> Path:
-    places = [Path(path).expanduser()]
-    if "LBGC_REAL_LOGS" in os.environ and not places[0].is_absolute():
-        places.append(Path(os.environ["LBGC_REAL_LOGS"]) / path)
-    for place in places:
-        if place.exists():
-            return place
+    with reading("log.path", path):
+        places = [Path(path).expanduser()]
+        if "LBGC_REAL_LOGS" in os.environ and not places[0].is_absolute():
+            places.append(Path(os.environ["LBGC_REAL_LOGS"]) / path)
+        for place in places:
+            if place.exists():
+                return place
     looked = " or ".join(map(str, places))
     raise InputError(
         "log.path",
@@ -145,8 +146,14 @@ def _find(path: str) -> Path:
     )
 
 
+def _only_file(path: Path, named: str | Path) -> Path:
+    """Of a device or a pipe there may be no end."""
+    require(path.is_file(), "log.path", named, "is no file")
+    return path
+
+
 def _table(path: Path, config: LogConfig) -> Iterator[_Raw]:
-    yield _from_table(_read_table(path), path.stem, config)
+    yield _from_table(tables.read(_only_file(path, config.path)), path.stem, config)
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[_Raw]:
@@ -154,42 +161,23 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[_Raw]:
     files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
     require(bool(files), "log.path", path, "holds no CSV files")
     for file in files:
+        with reading("log.path", file):
+            within = file == path or file.resolve().parent == path.resolve()
+        require(within, "log.path", file, "is a link that leads out of the directory")
         found = _HEADING_IN_NAME.search(file.stem)
         heading = config.heading_deg
         if heading is None and found:
             heading = float(found[1])
-        yield _from_table(_read_table(file), file.name, replace(config, heading_deg=heading))
+        table = tables.read(_only_file(file, file))
+        yield _from_table(table, file.name, replace(config, heading_deg=heading))
 
 
-def _read_table(path: Path) -> pa.Table:
-    if path.suffix == ".parquet":
-        return pa.parquet.read_table(path)
-    return pa.csv.read_csv(path)
-
-
-def _columns(table: pa.Table, key: str, names: Sequence[str], file: str) -> np.ndarray:
-    for column in names:
-        if column not in table.column_names:
-            raise InputError(
-                key,
-                column,
-                "",
-                f"is no column of {file}; it has "
-                + ", ".join(c or "(unnamed)" for c in table.column_names),
-            )
-        kind = table.schema.field(column).type
-        is_number = pa.types.is_integer(kind) or pa.types.is_floating(kind)
-        require(is_number, key, column, f"of {file} holds {kind}, not numbers")
-    arrays = [table[c].to_numpy(zero_copy_only=False).astype(np.float64) for c in names]
-    return np.stack(arrays, axis=1)
-
-
-def _from_table(table: pa.Table, name: str, config: LogConfig) -> _Raw:
+def _from_table(table: tables.Table, name: str, config: LogConfig) -> _Raw:
     time = None
     if config.time_column:
-        time = _columns(table, "log.time_column", [config.time_column], name)[:, 0]
-    gyro = _columns(table, "log.gyro_columns", config.gyro_columns, name)
-    accel = _columns(table, "log.accel_columns", config.accel_columns, name)
+        time = tables.columns(table, "log.time_column", [config.time_column], name)[:, 0]
+    gyro = tables.columns(table, "log.gyro_columns", config.gyro_columns, name)
+    accel = tables.columns(table, "log.accel_columns", config.accel_columns, name)
     return _Raw(name, gyro, accel, time, config)
 
 
@@ -199,10 +187,14 @@ def _psins(path: Path, config: LogConfig) -> Iterator[_Raw]:
     Rows: attitude (deg; yaw counter-clockwise) and velocity; latitude, longitude (deg), height,
     t0, interval (ms), g (m/s^2); arcsec and ug s a count, an axis.
     """
-    try:
-        rows = np.loadtxt(path, comments="%", ndmin=2)
-    except ValueError as error:
-        raise InputError("log.path", path, "", f"is no PSINS file ({error})") from error
+    # Opened here: given a path, NumPy unpacks what it ends in.
+    with (
+        reading("log.path", path, "is no PSINS file"),
+        _only_file(path, path).open() as file,
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("error")  # that there is nothing in it
+        rows = np.loadtxt(file, comments="%", ndmin=2)
     require(
         rows.shape[0] > 3 and rows.shape[1] == 6,
         "log.path",
@@ -240,15 +232,7 @@ def _record(raw: _Raw) -> Record:
     config = raw.config
     require(len(raw.gyro) > 1, raw.name, f"{len(raw.gyro)} samples", "is no recording")
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            row, axis = bad[0]
-            raise InputError(
-                f"{raw.name}: {key} {'xyz'[axis]} in row {row}",
-                values[row, axis],
-                "",
-                f"is not a number ({len(bad)} such values)",
-            )
+        _require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
     rate = _rate(raw)
     require(config.latitude is not None, "log.latitude", None, "must be given for this log")
     assert config.latitude is not None
@@ -269,6 +253,17 @@ def _record(raw: _Raw) -> Record:
     )
 
 
+def _require_finite(name: str, values: np.ndarray, columns: Sequence[str]) -> None:
+    """values : (rows, columns). So large ones are refused that no sum of them can overflow."""
+    bad = np.argwhere(~(np.abs(values) < _NONSENSE))
+    if len(bad):
+        row, column = bad[0]
+        value = values[row, column]
+        what = "is more than anything measures" if np.isfinite(value) else "is not a number"
+        where = f"{name}: {columns[column]} in row {row}"
+        raise InputError(where, value, "", f"{what} ({len(bad)} such values)")
+
+
 def _rate(raw: _Raw) -> float:
     """Samples a second, checked against the time column where there is one."""
     stated = raw.config.rate_hz
@@ -276,7 +271,7 @@ def _rate(raw: _Raw) -> float:
         require(stated is not None, "log.rate_hz", None, "must be given: the log has no time")
         assert stated is not None
         return stated
-    require(bool(np.isfinite(raw.time).all()), f"{raw.name}: time", "nan", "must be numbers")
+    _require_finite(raw.name, raw.time[:, None], ["time"])
     steps = np.diff(raw.time)
     backward = np.flatnonzero(steps <= 0)
     if len(backward):
@@ -299,6 +294,7 @@ def _rate(raw: _Raw) -> float:
         )
     # The mean step, since a time column is often rounded; the median only told gaps.
     measured = len(steps) / float(raw.time[-1] - raw.time[0])
+    require(np.isfinite(measured), f"{raw.name}: time", f"{len(steps)} steps", "take no time")
     if stated is None:
         return measured
     agrees = abs(measured / stated - 1) < 0.01
@@ -334,7 +330,7 @@ def _check_resting_force(raw: _Raw, accel: np.ndarray, unit: str, rate_hz: float
         for u in _ACCEL_UNITS
         if abs(printed * _accel_factor(u, rate_hz, raw.gravity) / g - 1) < 0.2
     ]
-    if abs(norm / g - 1) >= 0.2:
+    if not abs(norm / g - 1) < 0.2:
         raise InputError(
             "log.accel_unit",
             unit,

@@ -13,11 +13,10 @@ from collections.abc import Iterable, Mapping
 from lbgc.data.place import Place, is_partial
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.errors import InputError, require
-from lbgc.outputs import fingerprint
+from lbgc.outputs import UNSEALED, fingerprint, is_sealed, seal
 
 ROOT = "zarr.json"
 MANIFEST = "manifest/zarr.json"
-_OWN = "0" * 64
 AGAIN = "run the command that generated it again"
 NONE = "is no dataset; make one with `python sim/generate.py`"
 
@@ -31,11 +30,10 @@ def compose(identity: str, documents: Mapping[str, bytes]) -> bytes:
     attributes = {
         "identity": identity,
         "documents": {name: sha256(documents[name]) for name in sorted(documents)},
-        "checksum": _OWN,
+        "checksum": UNSEALED,
     }
     group = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
-    text = json.dumps(group, indent=2)
-    return text.replace(_OWN, sha256(text.encode())).encode()
+    return seal(json.dumps(group, indent=2).encode())
 
 
 def _attributes(content: bytes | None) -> Mapping | None:
@@ -53,10 +51,10 @@ def _intact(place: Place) -> Mapping | None:
     attributes = _attributes(content)
     if content is None or attributes is None:
         return None
-    own = str(attributes.get("checksum")).encode()
-    if sha256(content.replace(own, _OWN.encode())).encode() != own:
+    if not is_sealed(content, str(attributes.get("checksum"))):
         return None
-    return attributes
+    told = isinstance(attributes.get("documents"), dict) and "identity" in attributes
+    return attributes if told else None
 
 
 def _claim(place: Place) -> tuple[str, int] | None:
@@ -66,7 +64,10 @@ def _claim(place: Place) -> tuple[str, int] | None:
     schema, configuration = attributes.get("schema"), attributes.get("configuration")
     if not isinstance(configuration, dict) or type(schema) is not int:
         return None
-    identity = fingerprint({"schema": schema, **configuration})
+    try:
+        identity = fingerprint({"schema": schema, **configuration})
+    except RecursionError:
+        return None
     return (identity, schema) if attributes.get("identity") == identity else None
 
 

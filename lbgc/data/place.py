@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,11 +70,28 @@ class Place:
     def is_link(self, name: str) -> bool:
         return self.local is not None and (self.local / name).is_symlink()
 
+    def is_own(self, name: str) -> bool:
+        """Whether a name is of a local file that lies here: no link is on the way to it, and no
+        device or pipe is at its end."""
+        assert self.local is not None
+        *above, last = Path(name).parts
+        if ".." in above or Path(name).is_absolute():
+            return False
+        place = self.local
+        for part in above:
+            place = place / part
+            if place.is_symlink():
+                return False
+        try:
+            return stat.S_ISREG((place / last).lstat().st_mode)
+        except OSError:
+            return False
+
     def read(self, name: str) -> bytes | None:
-        """A file's content; None where there is no such file."""
+        """A file's content; None where there is no such file, or a link in its place."""
         try:
             if self.local is not None:
-                return (self.local / name).read_bytes()
+                return (self.local / name).read_bytes() if self.is_own(name) else None
             return self._files.cat_file(f"{self._root}/{name}")
         except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
             return None

@@ -9,19 +9,22 @@ files being there, since a missing shard would read silently as zeros.
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import zarr
 from tqdm import tqdm
+from zarr.core.buffer import Buffer
+from zarr.storage import LocalStore
 
 from lbgc.data import manifest
 from lbgc.data.documents import DOCUMENTS, Layout, documents
 from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
 from lbgc.data.schema import SCHEMA, SPLITS, VARIABLES
-from lbgc.errors import InputError, require
+from lbgc.data.vetting import layout_of
+from lbgc.errors import InputError, reading, require
 from lbgc.outputs import fingerprint
 
 
@@ -70,6 +73,24 @@ def find(path: str | Path) -> Place:
     raise InputError("data", path, "", manifest.NONE)
 
 
+class _Own(LocalStore):
+    """A local directory of which only its own files are read: no link out of it is followed."""
+
+    async def get(self, key: str, *args: Any, **kwargs: Any) -> Buffer | None:
+        return await super().get(key, *args, **kwargs) if self._is_own(key) else None
+
+    def get_sync(self, key: str, **kwargs: Any) -> Buffer | None:
+        return super().get_sync(key, **kwargs) if self._is_own(key) else None
+
+    def _is_own(self, key: str) -> bool:
+        return Place(self.root).is_own(key)
+
+
+def _group(place: Place, mode: Literal["r", "r+"]) -> zarr.Group:
+    where = str(place) if place.local is None else _Own(place.local, read_only=mode == "r")
+    return zarr.open_group(where, mode=mode, zarr_format=3)
+
+
 def damaged_documents(place: Place) -> list[str]:
     """The documents of a dataset that are not what its manifest says."""
     return manifest.damaged_documents(place, DOCUMENTS)
@@ -84,8 +105,8 @@ def some(names: Sequence) -> str:
 class Dataset:
     """A dataset opened for reading, and for writing the shards it still lacks."""
 
-    def __init__(self, place: Place, group: zarr.Group):
-        self.place, self._group = place, group
+    def __init__(self, place: Place, group: zarr.Group, layout: Layout):
+        self.place, self._group, self.layout = place, group, layout
 
     @classmethod
     def open(cls, path: str | Path) -> "Dataset":
@@ -97,10 +118,9 @@ class Dataset:
         place = find(path)
         damaged = damaged_documents(place)
         require(not damaged, "data", place, f"is damaged ({some(damaged)}); {manifest.AGAIN}")
-        try:
-            return cls(place, zarr.open_group(str(place), mode="r"))
-        except (ValueError, KeyError, OSError) as error:
-            raise InputError("data", place, "", f"{manifest.NONE} ({error})") from error
+        with reading("data", place, "is no dataset of this version"):
+            layout = layout_of({name: place.read(name) or b"" for name in DOCUMENTS})
+            return cls(place, _group(place, "r"), layout)
 
     @classmethod
     def open_finished(cls, path: str | Path) -> "Dataset":
@@ -138,18 +158,17 @@ class Dataset:
 
     @property
     def rate_hz(self) -> float:
-        return float(self._group.attrs["rate_hz"])  # type: ignore[arg-type]
+        return self.layout.rate_hz
 
     def _array(self, name: str) -> zarr.Array:
         array = self._group[name]
         assert isinstance(array, zarr.Array)
         return array
 
-    @cached_property
-    def layout(self) -> Layout:
-        recordings, samples, _ = self._array("gyro").shape
-        scales = {n: self._array(n).attrs.get("scale_factor") for n in ("gyro", "accel")}
-        return Layout(recordings, samples, self.rate_hz, scales)  # type: ignore[arg-type]
+    def _read(self, name: str, first: int, end: int) -> np.ndarray:
+        """Rows of a variable. Raises InputError where they cannot be decoded."""
+        with reading("data", self.place, f"is damaged: {name}"):
+            return np.asarray(self._array(name)[first:end])
 
     def __len__(self) -> int:
         return self.layout.recordings
@@ -157,17 +176,17 @@ class Dataset:
     def label(self, name: str, rows: range | None = None) -> np.ndarray:
         """A variable with one value (or vector, or matrix) a recording, of all or of these."""
         rows = range(len(self)) if rows is None else rows
-        return np.asarray(self._array(name)[rows.start : rows.stop])
+        return self._read(name, rows.start, rows.stop)
 
     def _manifest(self, name: str) -> np.ndarray:
         """A SHA-256 for each shard, (shards, 32); zeros where there is none that can be read."""
         array = self._array(f"manifest/{name}")
         try:
             return np.asarray(array[:])
-        except ValueError:
+        except Exception:  # whatever its decoders say of what is damaged
             rows = np.zeros(array.shape, np.uint8)
             for shard in range(len(rows)):
-                with suppress(ValueError):
+                with suppress(Exception):
                     rows[shard] = array[shard]
             return rows
 
@@ -202,7 +221,7 @@ class Dataset:
         with writing(self.place), zarr.config.set({"array.write_empty_chunks": True}):
             for name in manifest.shard_files(shard):
                 self.place.remove(name)  # else what is damaged would be read, to be completed
-            group = zarr.open_group(str(self.place), mode="r+")
+            group = _group(self.place, "r+")
             for name, values in batch.items():
                 group[name][rows.start : rows.stop] = values  # type: ignore[index]
             digest = np.frombuffer(self._shard_digest(shard), np.uint8)
@@ -215,7 +234,7 @@ class Dataset:
         rows = self.layout.rows(shard)
         digest = hashlib.sha256()
         for name in sorted(VARIABLES):
-            values = np.ascontiguousarray(self._array(name)[rows.start : rows.stop])
+            values = np.ascontiguousarray(self._read(name, rows.start, rows.stop))
             digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
             digest.update(values.data)
         return digest.digest()
@@ -253,7 +272,6 @@ class Dataset:
                 )
 
     def _decoded(self, name: str, span: slice) -> np.ndarray:
-        array = self._array(name)
-        scale = array.attrs.get("scale_factor")
-        values = np.asarray(array[span])
-        return values if scale is None else values * float(scale)  # type: ignore[arg-type]
+        scale = self.layout.scales.get(name)
+        values = self._read(name, span.start, span.stop)
+        return values if scale is None else values * scale

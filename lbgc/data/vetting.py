@@ -1,0 +1,119 @@
+"""Whether a dataset's documents say what this version would have written: only then are its arrays
+opened. What Zarr would look up by name (codecs), and every size, is held against the schema."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from lbgc.data.documents import DOCUMENTS, Layout, grid
+from lbgc.data.schema import VARIABLES
+
+_CODECS = {"transpose", "bytes", "blosc", "crc32c", "sharding_indexed"}
+_MOST_RECORDINGS, _MOST_SAMPLES, _MOST_SHARDS = 10**9, 10**8, 10**7
+_KEYS = {"name": "default", "configuration": {"separator": "/"}}
+
+
+def layout_of(documents: Mapping[str, bytes]) -> Layout:
+    """The dataset's shape, by its documents (name -> content, of DOCUMENTS).
+
+    Raises ValueError, saying which is not as it must be.
+    """
+    said = {n: _object(n, c) for n, c in documents.items() if n.endswith("zarr.json")}
+    layout = _layout(said)
+    rows = {"shape": [layout.shards, 32], "data_type": "uint8"}
+    for name in ("digest", "stored"):
+        _check_array(f"manifest/{name}", said, rows, [1, 32], [1, 32])
+    sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
+    for name, variable in VARIABLES.items():
+        shape = tuple(sizes[d] for d in variable.dims)
+        kind = variable.dtype or ("float32" if layout.scales[name] is None else "int32")
+        shard, chunk = grid(variable, layout, shape)
+        stored = {"shape": list(shape), "data_type": kind, "dimension_names": list(variable.dims)}
+        _check_array(name, said, stored, list(shard), list(chunk))
+    return layout
+
+
+def _object(name: str, content: bytes) -> dict[str, Any]:
+    try:
+        said = json.loads(content)
+    except RecursionError:
+        said = None
+    if not isinstance(said, dict) or said.get("zarr_format") != 3:
+        raise ValueError(f"{name} is no document of Zarr 3")
+    return said
+
+
+def _attributes(document: dict[str, Any]) -> dict[str, Any]:
+    attributes = document.get("attributes")
+    return attributes if isinstance(attributes, dict) else {}
+
+
+def _layout(said: Mapping[str, dict[str, Any]]) -> Layout:
+    """From the root's rate and the shape and scale of gyro and accel."""
+    rate: Any = _attributes(said[DOCUMENTS[0]]).get("rate_hz")
+    _require(_is_number(rate) and 0 < rate < math.inf, DOCUMENTS[0], "rate_hz", rate)
+    shape: Any = said["gyro/zarr.json"].get("shape")
+    good = isinstance(shape, list) and len(shape) == 3 and all(type(n) is int for n in shape)
+    _require(good, "gyro", "shape", shape)
+    good = 0 < shape[0] <= _MOST_RECORDINGS and 0 < shape[1] <= _MOST_SAMPLES
+    _require(good, "gyro", "shape", shape)
+    scales = {}
+    for name in ("gyro", "accel"):
+        scale: Any = _attributes(said[f"{name}/zarr.json"]).get("scale_factor")
+        good = scale is None or (_is_number(scale) and 0 < scale < math.inf)
+        _require(good, name, "scale_factor", scale)
+        scales[name] = None if scale is None else float(scale)
+    layout = Layout(shape[0], shape[1], float(rate), scales)
+    _require(layout.shards <= _MOST_SHARDS, "gyro", "shape", shape)
+    return layout
+
+
+def _check_array(
+    name: str,
+    documents: Mapping[str, dict[str, Any]],
+    expected: Mapping[str, Any],
+    shard: list[int],
+    chunk: list[int],
+) -> None:
+    """shard : of what lies in one file; chunk : of what is compressed together."""
+    said = documents[f"{name}/zarr.json"]
+    files = {"name": "regular", "configuration": {"chunk_shape": shard}}
+    expected = {**expected, "node_type": "array", "fill_value": 0, "chunk_grid": files,
+                "chunk_key_encoding": _KEYS}  # fmt: skip
+    for key, value in expected.items():
+        _require(said.get(key) == value, name, key, said.get(key))
+    _require(not said.get("storage_transformers"), name, "storage_transformers", "given")
+    codecs = said.get("codecs")
+    _require(_names(codecs) <= _CODECS, name, "codecs", codecs)
+    if chunk != shard:
+        inner = codecs[0]["configuration"]  # type: ignore[index]
+        _require(inner.get("chunk_shape") == chunk, name, "codecs", codecs)
+        _require(
+            _names(inner.get("codecs")) <= _CODECS - {"sharding_indexed"}, name, "codecs", codecs
+        )
+        _require(_names(inner.get("index_codecs")) <= {"bytes", "crc32c"}, name, "codecs", codecs)
+    else:
+        _require("sharding_indexed" not in _names(codecs), name, "codecs", codecs)
+
+
+def _names(codecs: Any) -> set[str]:
+    """Of a list of codecs; raises ValueError where it is none."""
+    good = isinstance(codecs, list) and all(
+        isinstance(c, dict)
+        and isinstance(c.get("name"), str)
+        and isinstance(c.get("configuration", {}), dict)
+        for c in codecs
+    )
+    if not good:
+        raise ValueError("codecs are not listed as they must be")
+    return {c["name"] for c in codecs}
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _require(condition: bool, name: str, key: str, value: Any) -> None:
+    if not condition:
+        raise ValueError(f"{name}: {key} = {value} is not what this version writes")
