@@ -6,6 +6,7 @@ python lbgc/compare.py runs=outputs/train
 import csv
 import io
 import json
+import sys
 import time
 from collections import defaultdict
 from dataclasses import dataclass
@@ -15,7 +16,9 @@ from typing import Any
 import numpy as np
 
 from lbgc.errors import InputError, require, run_main
-from lbgc.learning.estimator import DESCRIPTION, FORMAT, compute_torch, load_net
+from lbgc.learning import description
+from lbgc.learning.description import DESCRIPTION
+from lbgc.learning.estimator import compute_torch, load_net
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 
 _REPEATS = 20
@@ -66,11 +69,15 @@ def main(config: CompareConfig) -> Path:
 
 
 def runs(directory: Path) -> list[tuple[Path, dict[str, Any]]]:
-    """Finished runs of this format, with their descriptions. Raises InputError where there is
-    none; a training that has not ended has no description, and is left out."""
+    """Finished runs, with their descriptions. Raises InputError where there is none; a training
+    that has not ended has no description, and is left out, as is what is damaged."""
     files = [f for f in sorted(directory.glob(f"*/{DESCRIPTION}")) if not f.parent.is_symlink()]
-    said = [(file.parent, json.loads(file.read_text())) for file in files]
-    good = [(run, description) for run, description in said if description["format"] == FORMAT]
+    good = []
+    for file in files:
+        try:
+            good.append((file.parent, description.read(file.parent)))
+        except InputError as error:  # the others can still be compared
+            print(f"left out: {error}", file=sys.stderr)
     if not good:
         raise InputError("runs", directory, "", "holds no finished training run")
     return good

@@ -3,7 +3,6 @@
 python lbgc/train.py data=PATH
 """
 
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -17,6 +16,7 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, stack
 from lbgc.earth import heading_exists
 from lbgc.errors import (
+    InputError,
     build,
     require,
     require_choice,
@@ -24,9 +24,11 @@ from lbgc.errors import (
     require_positive,
     run_main,
 )
+from lbgc.learning import description
 from lbgc.learning.augment import AugmentConfig
 from lbgc.learning.batches import Source, Stored
-from lbgc.learning.estimator import DESCRIPTION, FORMAT, SHORTEST_WINDOW_S, WEIGHTS
+from lbgc.learning.description import DESCRIPTION, FORMAT
+from lbgc.learning.estimator import SHORTEST_WINDOW_S, WEIGHTS, load_net
 from lbgc.learning.model import ModelConfig, parameter_count
 from lbgc.learning.stream import Streamed
 from lbgc.learning.trainer import SCHEDULES, Plan, Trainer
@@ -121,7 +123,7 @@ def main(config: TrainConfig) -> Path:
     dataset = Dataset.open_finished(config.data)
     content = {**config.content(), "data": dataset.identity, "format": FORMAT}
     run = task_directory("train", fingerprint(content))
-    if (run / DESCRIPTION).exists():
+    if (run / DESCRIPTION).exists() and _is_whole(run):
         print("this run is already finished")
         mark_latest(run)
         return run
@@ -140,6 +142,16 @@ def main(config: TrainConfig) -> Path:
     (run / CHECKPOINT).unlink(missing_ok=True)
     mark_latest(run)
     return run
+
+
+def _is_whole(run: Path) -> bool:
+    """Whether its model can be loaded; what is damaged is trained again."""
+    try:
+        load_net(run)
+    except InputError as error:
+        print(f"{error}: training it again")
+        return False
+    return True
 
 
 def _load(dataset: Dataset, split: str, config: TrainConfig) -> Windows:
@@ -171,10 +183,10 @@ def _save(
     history = trainer.history
     loss_curve(history).savefig(run / "loss.png", dpi=150)
     weights = {k: v.cpu().contiguous() for k, v in trainer.best.items()}
-    write_atomically(run / WEIGHTS, save(weights))
+    stored = save(weights)
+    write_atomically(run / WEIGHTS, stored)
     kept = min(history, key=lambda row: row["score"])
-    description = {
-        "format": FORMAT,
+    said = {
         "model": asdict(config.model),
         "rate_hz": 1 / config.mean_s,
         "sensor": dataset.configuration["imu"]["name"],
@@ -187,7 +199,7 @@ def _save(
         "units": {k: dataset.configuration[k] for k in ("unit_seed", "units", "imu")},
         "seconds": round(seconds, 1),
     }
-    write_atomically(run / DESCRIPTION, json.dumps(description, indent=2) + "\n")
+    write_atomically(run / DESCRIPTION, description.compose(said, stored))
 
 
 if __name__ == "__main__":

@@ -1,26 +1,26 @@
 """A finished training run as an estimator: the same call as the classical ones."""
 
-import json
+import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file
+from safetensors.torch import load
 
 from lbgc.data.windows import Windows, at_rate
-from lbgc.errors import InputError, build, require
+from lbgc.errors import InputError, build, reading
 from lbgc.estimators.estimate import Estimate
 from lbgc.frames import wrap
+from lbgc.learning import description
 from lbgc.learning.model import HeadingNet, ModelConfig, make, von_mises_sigma
 from lbgc.learning.residual import inputs
+from lbgc.outputs import read_file
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
 
-WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
-FORMAT = 2
+WEIGHTS = "model.safetensors"
 SHORTEST_WINDOW_S = 10.0
 _BATCH = 4096
 _TELLING = 4
@@ -108,20 +108,22 @@ class Learned:
 
 def load_net(run: str | Path) -> tuple[HeadingNet, dict[str, Any]]:
     """A run's network and description. Raises InputError where there is no whole model."""
-    directory = Path(run)
-    description = directory / DESCRIPTION
-    what = "is no finished training run; `python lbgc/train.py data=PATH` prints one's path"
-    require(description.is_file(), "run", run, what)
-    try:
-        said = json.loads(description.read_text())
-        require(said["format"] == FORMAT, "run", run, f"is of format {said['format']}")
-        net = make(build(ModelConfig, said["model"]), seed=0)
-        net.load_state_dict(load_file(directory / WEIGHTS))
+    said = description.read(run)
+    with reading("run", run, "holds a damaged model"):
+        content = read_file(Path(run) / WEIGHTS)
+        if hashlib.sha256(content).hexdigest() != said["weights"]:
+            raise ValueError(f"{WEIGHTS} is not as it was written")
+        config = build(ModelConfig, said["model"])
+        weights = load(content)
+        with torch.device("meta"):  # sizes, before there is memory for them
+            wanted = {name: value.shape for name, value in HeadingNet(config).state_dict().items()}
+        if {name: value.shape for name, value in weights.items()} != wanted:
+            raise ValueError(f"{WEIGHTS} holds another network's")
+        if not all(bool(torch.isfinite(value).all()) for value in weights.values()):
+            raise ValueError(f"{WEIGHTS} holds what is no number")
+        net = make(config, seed=0)
+        net.load_state_dict(weights)
         return net.eval(), said
-    except (OSError, SafetensorError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError("run", run, "", f"holds a damaged model ({error})") from error
 
 
 @torch.inference_mode()

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE
-from lbgc.errors import InputError, require, require_choice, require_positive
+from lbgc.errors import InputError, require, require_choice
 from lbgc.estimators import CLASSICAL
 from lbgc.units import STANDARD_GRAVITY
 
@@ -50,8 +50,9 @@ class ModelConfig:
     correction; null: the network has the window as it is."""
 
     def __post_init__(self) -> None:
-        require_positive("layers", self.layers)
-        require_positive("hidden", self.hidden)
+        for name, most in (("layers", 64), ("hidden", 4096)):
+            value = getattr(self, name)
+            require(1 <= value <= most, name, value, f"must be from 1 to {most}")
         require_choice("cell", self.cell, (*RECURRENT, "pool"))
         require_choice("output", self.output, list(OUTPUTS))
         for channel in self.channels:

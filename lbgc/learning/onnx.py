@@ -1,6 +1,7 @@
 """A trained network as ONNX: features in, heading and sigma out, any batch and window length."""
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lbgc.errors import InputError, build
+from lbgc.errors import InputError, build, reading
 from lbgc.learning.estimator import Learned
 from lbgc.learning.model import HeadingNet, ModelConfig, von_mises_sigma
+from lbgc.outputs import UNSEALED, is_sealed, seal
 
 INPUT, OUTPUTS = "features", ("heading", "sigma")
-_SAID = "lbgc"
+_SAID, _SEALED = "lbgc", "lbgc_checksum"
+_OWN = re.compile(_SEALED.encode() + rb"\x12\x40([0-9a-f]{64})")
 _EXAMPLE = (3, 7)
 """Windows and samples that the graph is traced with: neither 1 nor alike, so both stay free."""
 
@@ -48,10 +51,11 @@ def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
     )  # fmt: skip
     assert program is not None
     model = program.model_proto
-    entry = model.metadata_props.add()
-    entry.key, entry.value = _SAID, json.dumps(dict(said))
+    for key, value in ((_SAID, json.dumps(dict(said), indent=2)), (_SEALED, UNSEALED)):
+        entry = model.metadata_props.add()
+        entry.key, entry.value = key, value
     onnx.checker.check_model(model)
-    onnx.save(model, file)
+    file.write_bytes(seal(model.SerializeToString()))
 
 
 def load(file: str | Path) -> Learned:
@@ -59,8 +63,14 @@ def load(file: str | Path) -> Learned:
     runtime = _needed("onnxruntime")
     if not Path(file).is_file():
         raise InputError("file", file, "", "is not there; python lbgc/export.py run=RUN makes one")
-    session = runtime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
-    said = json.loads(session.get_modelmeta().custom_metadata_map[_SAID])
+    with reading("file", file, "holds no model of lbgc's"):
+        content = Path(file).read_bytes()
+        # Before ONNX Runtime sees any of it: the protocol buffer's tag of a value, its length, it.
+        own = _OWN.search(content)
+        if own is None or not is_sealed(content, own[1].decode()):
+            raise ValueError("it is not as python lbgc/export.py wrote it")
+        session = runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
+        said = json.loads(session.get_modelmeta().custom_metadata_map[_SAID])
 
     def compute(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         heading, sigma = session.run(None, {INPUT: x})

@@ -1,9 +1,11 @@
 """The training loop: a window length, a batch and a step at a time; early stopping; resuming."""
 
 import copy
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,6 +13,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from lbgc.data.windows import Windows
+from lbgc.errors import reading
 from lbgc.frames import wrap
 from lbgc.learning import checkpoint, loss
 from lbgc.learning.batches import Source, every
@@ -153,33 +156,85 @@ class Trainer:
         likely = self.plan.model.output == "vonmises"
         return {**errors, "all": all_of, "score": float(np.mean(losses)) if likely else all_of}
 
-    def _keep(self, file: Path) -> None:
-        counters = {
+    def _counters(self) -> dict[str, Any]:
+        return {
             "step": self.step,
             "smoothed": self.smoothed,
             "history": self.history,
             "schedule": self.schedule.state_dict(),
             "groups": self.optimiser.state_dict()["param_groups"],
         }
+
+    def _keep(self, file: Path) -> None:
         moments = {
             f"{number}.{name}": value
             for number, state in self.optimiser.state_dict()["state"].items()
             for name, value in state.items()
         }
         tensors = {"net": self.net.state_dict(), "best": self.best, "optimiser": moments}
-        checkpoint.write(file, tensors, counters)
+        checkpoint.write(file, tensors, self._counters())
 
     def _restore(self, file: Path) -> None:
         tensors, said = checkpoint.read(file)
-        self.net.load_state_dict(tensors["net"])
-        self.best = {name: value.to(self.device) for name, value in tensors["best"].items()}
-        state: dict[int, dict[str, Tensor]] = {}
-        for key, value in tensors["optimiser"].items():
-            number, name = key.split(".", 1)
-            state.setdefault(int(number), {})[name] = value
-        self.optimiser.load_state_dict({"state": state, "param_groups": said["groups"]})
-        self.schedule.load_state_dict(said["schedule"])
-        self.step, self.smoothed, self.history = said["step"], said["smoothed"], said["history"]
+        with reading("checkpoint", file, f"is of another training; {checkpoint.AGAIN}"):
+            self._check(tensors, said)
+            self.net.load_state_dict(tensors["net"])
+            self.best = {name: value.to(self.device) for name, value in tensors["best"].items()}
+            state: dict[int, dict[str, Tensor]] = {}
+            for key, value in tensors["optimiser"].items():
+                number, name = key.split(".", 1)
+                state.setdefault(int(number), {})[name] = value
+            self.optimiser.load_state_dict({"state": state, "param_groups": said["groups"]})
+            self.schedule.load_state_dict(said["schedule"])
+            self.step, self.smoothed, self.history = (
+                said[name] for name in ("step", "smoothed", "history")
+            )
+
+    def _check(self, tensors: dict[str, dict[str, Tensor]], said: dict[str, Any]) -> None:
+        """Raises ValueError unless a checkpoint's tensors have this training's names and shapes,
+        and its counters are the same kind of numbers."""
+        own = {name: value.shape for name, value in self.net.state_dict().items()}
+        moments = {
+            f"{number}.{name}": torch.Size() if name == "step" else value.shape
+            for number, value in enumerate(self.net.parameters())
+            for name in ("step", "exp_avg", "exp_avg_sq")
+        }
+        wanted = {"net": own, "best": own, "optimiser": moments}
+        found = {g: {n: v.shape for n, v in named.items()} for g, named in tensors.items()}
+        if found != wanted:
+            raise ValueError("its tensors have other names or shapes")
+        numbers = {**self._counters(), "smoothed": 0.0, "history": []}
+        rows = said.get("history")
+        history = isinstance(rows, list) and all(
+            _alike(row, {"step": 0, "train_loss": 0.0, "all": 0.0, "score": 0.0}, more=True)
+            for row in rows
+        )
+        if not history or not _alike(said | {"history": []}, numbers):
+            raise ValueError("its counters are not what they must be")
+        if not 0 < said["step"] <= self.plan.steps:
+            raise ValueError(f"step {said['step']} of {self.plan.steps}")
+
+
+def _alike(found: Any, own: Any, more: bool = False) -> bool:
+    """Whether what JSON gave has the keys and the kinds of values of what is ours.
+
+    more : other keys, with numbers, may stand beside them.
+    """
+    if isinstance(own, dict):
+        if not isinstance(found, dict) or not (set(own) <= set(found)):
+            return False
+        others = {key: found[key] for key in set(found) - set(own)}
+        known = all(_alike(found[key], value) for key, value in own.items())
+        numbers = all(_alike(value, 0.0) for value in others.values())
+        return known and (not others or (more and numbers))
+    if isinstance(own, list | tuple):
+        same = isinstance(found, list) and len(found) == len(own)
+        return same and all(map(_alike, found, own))
+    if isinstance(own, bool) or own is None or isinstance(own, str):
+        return type(found) is type(own)
+    if isinstance(own, int):
+        return type(found) is int
+    return type(found) in (int, float) and math.isfinite(found)
 
 
 def _schedule(plan: Plan, optimiser: torch.optim.Optimizer) -> torch.optim.lr_scheduler.LRScheduler:

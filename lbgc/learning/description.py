@@ -1,0 +1,93 @@
+"""What a finished training run says of itself, `model.json`: sealed, so that damage is noticed."""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lbgc.errors import InputError, build, reading, require
+from lbgc.learning.model import ModelConfig
+from lbgc.outputs import UNSEALED, is_sealed, seal
+from lbgc.sensor.datasheet import ImuConfig
+
+DESCRIPTION = "model.json"
+FORMAT = 3
+"""Changes whenever what a run holds would be misread by a version of another number."""
+AGAIN = "train it again: python lbgc/train.py data=PATH"
+_OWN = re.compile(r'"checksum": "([0-9a-f]{64})"')
+
+
+@dataclass(frozen=True)
+class _Units:
+    """Whose sensors it was trained on."""
+
+    unit_seed: int
+    units: int
+    imu: ImuConfig
+
+
+@dataclass(frozen=True)
+class Description:
+    """Every key of `model.json`, as it is checked when it is read."""
+
+    format: int
+    model: ModelConfig
+    rate_hz: float
+    sensor: str
+    parameters: int
+    best_validation_deg: float
+    steps: int
+    training: Any
+    dataset: str
+    imu_rate_hz: float
+    units: _Units
+    seconds: float
+    weights: str
+    """SHA-256 of the file of weights."""
+    checksum: str
+    """SHA-256 of this file with zeros in its place."""
+
+    def __post_init__(self) -> None:
+        for name in ("rate_hz", "imu_rate_hz", "parameters", "steps"):
+            require(getattr(self, name) > 0, name, getattr(self, name), "must be above zero")
+        windows = self.training.get("windows_s") if isinstance(self.training, dict) else None
+        numbers = isinstance(windows, list) and all(type(w) in (int, float) for w in windows)
+        require(bool(windows) and numbers, "windows_s", windows, "must be lengths")
+
+
+def compose(said: Mapping[str, Any], weights: bytes) -> bytes:
+    """The file's content. said : what the run has to say, but for format and checksums."""
+    own = {"weights": hashlib.sha256(weights).hexdigest(), "checksum": UNSEALED}
+    return seal(json.dumps({"format": FORMAT, **said, **own}, indent=2).encode() + b"\n")
+
+
+def parse(content: bytes, name: str, where: object) -> dict[str, Any]:
+    """What `compose` was given, and format and checksums.
+
+    Raises InputError, naming the parameter `name`, where it is of another format or damaged.
+    """
+    with reading(name, where, "holds a damaged model"):
+        said = json.loads(content)
+        format_ = said["format"] if isinstance(said, dict) else None
+        if isinstance(format_, int) and format_ != FORMAT:
+            what = f"is of format {format_}, this version reads {FORMAT}; {AGAIN}"
+            raise InputError(name, where, "", what)
+        own = _OWN.search(content.decode())
+        if own is None or not is_sealed(content, own[1]):
+            raise ValueError("its description is not as it was written")
+        try:
+            build(Description, said)
+        except InputError as error:  # named by the file, not by a parameter that nobody set
+            raise ValueError(str(error)) from error
+        return dict(said)
+
+
+def read(run: str | Path) -> dict[str, Any]:
+    """Of a run's directory. Raises InputError where there is no finished one."""
+    file = Path(run) / DESCRIPTION
+    what = "is no finished training run; `python lbgc/train.py data=PATH` prints one's path"
+    require(file.is_file(), "run", run, what)
+    return parse(file.read_bytes(), "run", run)
