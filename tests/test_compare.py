@@ -1,32 +1,38 @@
 """A sweep's table: runs that differ in their seed alone share a row."""
 
-import json
 from dataclasses import asdict
 
 import pytest
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from lbgc.compare import CompareConfig, compare, main, runs
 from lbgc.errors import InputError
+from lbgc.learning.description import compose
 from lbgc.learning.model import ModelConfig, make
+from lbgc.sensor.datasheet import ImuConfig
 from lbgc.train import TrainConfig
 
 
 def finished(home, name: str, seed: int, hidden: int, error: float) -> None:
     model = ModelConfig(name, hidden=hidden, layers=1)
     said = {
-        "format": 2,
         "model": asdict(model),
         "training": asdict(TrainConfig(data="x", seed=seed, model=model)),
         "dataset": "one",
         "rate_hz": 0.2,
         "parameters": 1000 * hidden,
         "best_validation_deg": error,
+        "sensor": "x",
+        "steps": 1,
+        "imu_rate_hz": 600.0,
+        "units": {"unit_seed": 4, "units": 1, "imu": asdict(ImuConfig())},
+        "seconds": 1.0,
     }
     run = home / f"{name}{seed}"
     run.mkdir(parents=True)
-    (run / "model.json").write_text(json.dumps(said))
-    save_file(make(model, seed).state_dict(), run / "model.safetensors")
+    weights = save(make(model, seed).state_dict())
+    (run / "model.json").write_bytes(compose(said, weights))
+    (run / "model.safetensors").write_bytes(weights)
 
 
 def test_seeds_share_a_row(tmp_path, monkeypatch, capsys):

@@ -1,0 +1,222 @@
+"""Does any reader of outside data crash, hang, overrun, or do what a file tells it to?
+
+    make study-fuzz
+
+Valid examples of every kind (logs, configurations, checkpoints, models, stores, manifests) are
+spoiled in many ways, checksums made to fit in a share of them, and read in worker processes that
+have 1 GB of memory and 10 s a file. A reading must end in InputError or in a possible answer (the
+right one, where checksums are kept), and must not, as an audit hook sees it, import a module, start
+a process, reach for the network, or open what lies outside its directory.
+"""
+
+import multiprocessing
+import os
+import resource
+import sys
+import tempfile
+import time
+from collections import Counter
+from multiprocessing.process import BaseProcess
+from multiprocessing.sharedctypes import SynchronizedArray
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from common import Report
+from fuzzing import EDITS, PLANTS, Bench, Reader, Step, exported, onnx_reader, readers
+from tqdm import tqdm
+
+from lbgc.errors import InputError
+
+CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+FORBIDDEN = ("subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork",
+             "pty.", "socket.", "urllib.", "ftplib.", "smtplib.", "pickle.", "marshal.",
+             "ctypes.")  # fmt: skip
+ONNX = "example.onnx"
+WARMING_UP = 150
+"""Files of each kind, of another seed, read first: what libraries load at their first error."""
+
+
+class Watch:
+    """What the audit hook saw while a file was read."""
+
+    def __init__(self) -> None:
+        self.home: str | None = None
+        self.seen: list[str] = []
+        sys.addaudithook(self._hear)
+
+    def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if self.home is None:
+            return
+        if event == "import" or event.startswith(FORBIDDEN):
+            self.seen.append(f"{event} {arguments[:1]}")
+        elif event == "open" and isinstance(arguments[0], str | bytes):
+            path = os.path.abspath(os.fsdecode(arguments[0]))
+            if not path.startswith((self.home, "/proc/self/", "/sys/")):
+                self.seen.append(f"open {path}")
+
+
+def case(kind: str, reader: Reader, seed: int, number: int) -> tuple[str, list[Step], bool]:
+    """Which file of the example is spoiled, how, and whether its checksums are made to fit."""
+    rng = np.random.default_rng([seed, number, *kind.encode()])
+    targets = list(reader.targets or reader.files)
+    names = list(EDITS)
+    count = int(rng.geometric(0.6))
+    steps = [
+        (names[rng.integers(len(names))], float(rng.uniform()), int(rng.integers(2**31)))
+        for _ in range(count)
+    ]
+    if rng.uniform() < CASES["planted"]:
+        steps = [(PLANTS[rng.integers(len(PLANTS))], 0.0, int(rng.integers(2**31)))]
+    return targets[rng.integers(len(targets))], steps, bool(rng.uniform() < CASES["forged"])
+
+
+def work(home: str, first: int, every: int, at: SynchronizedArray, report: Any) -> None:
+    """A worker: the numbers first, first + every... of all cases, in order.
+
+    at : [number, when it was begun (s, 0 between two), bytes at most]. report : a pipe's end that
+    hears (kind, refused or answered or what went wrong, which).
+    """
+    import torch
+
+    torch.set_num_threads(1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # progress bars, and what libraries say of a file
+    own = Path(tempfile.mkdtemp(dir=home))
+    kinds = readers(own)
+    if (onnx := Path(home) / ONNX).exists():
+        kinds["onnx"] = onnx_reader(onnx.read_bytes())
+    others = [next(iter(reader.files.values())) for reader in kinds.values()]
+    benches = {n: Bench(own / "cases" / n.replace(" ", "_"), r, others) for n, r in kinds.items()}
+    limit = int(CASES["memory_bytes"])
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    watch = Watch()
+    for kind, bench in benches.items():
+        for number in range(WARMING_UP):
+            attempt(watch, bench, *case(kind, kinds[kind], CASES["seed"] + 1, number))
+    number = 0
+    for kind, count in CASES["files"].items():
+        for i in range(count):
+            number += 1
+            if kind not in benches or number < first or (number - first) % every:
+                continue
+            chosen = case(kind, kinds[kind], CASES["seed"], i)
+            at[0], at[1] = number, time.monotonic()
+            found = attempt(watch, benches[kind], *chosen)
+            at[1] = 0.0
+            report.send((kind, found, f"{kind} {i}: {chosen}"))
+    report.send(None)
+
+
+def attempt(
+    watch: Watch, bench: Bench, target: str, steps: list[Step], forged: bool
+) -> tuple[str, str]:
+    """(refused, answered or wrong; what is wrong)."""
+    bench.spoil(target, steps, forged)
+    watch.seen.clear()
+    watch.home = str(bench.place)
+    try:
+        wrong, how = bench.verdict(bench.reader.read(bench.place), steps, forged), "answered"
+    except InputError:
+        wrong, how = None, "refused"
+    except BaseException as error:
+        wrong, how = f"{type(error).__name__}: {error}"[:300], "wrong"
+    watch.home = None
+    if watch.seen:
+        wrong = f"did what it must not: {watch.seen[:3]}"
+    bench.mend()
+    return ("wrong", wrong) if wrong else (how, "")
+
+
+LEAN = {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "1",
+        "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # fmt: skip
+"""Libraries reserve memory that they may never use, and the limit counts it."""
+
+
+class Crew:
+    """The workers, each begun again where one is lost."""
+
+    def __init__(self, home: str, every: int):
+        self.home, self.every = home, every
+        os.environ.update(LEAN)
+        self.context = multiprocessing.get_context("spawn")
+        self.members = [self._begin(first + 1) for first in range(every)]
+
+    def _begin(self, first: int) -> tuple[BaseProcess, SynchronizedArray, Any, int]:
+        ours, theirs = self.context.Pipe(duplex=False)
+        at = self.context.Array("d", [first - self.every, 0.0])
+        arguments = (self.home, first, self.every, at, theirs)
+        process = self.context.Process(target=work, args=arguments)
+        process.start()
+        theirs.close()
+        return process, at, ours, first
+
+    def heard(self) -> Any:
+        """Every message, until all workers have ended."""
+        running = set(range(self.every))
+        while running:
+            time.sleep(0.1)
+            for i in sorted(running):
+                process, at, ours, first = self.members[i]
+                begun = at[1]
+                late = begun > 0 and time.monotonic() - begun > CASES["seconds"]
+                alive = process.is_alive()
+                if late:
+                    process.kill()
+                    process.join()
+                ended = False
+                try:
+                    while ours.poll():
+                        message = ours.recv()
+                        ended = ended or message is None
+                        if message is not None:
+                            yield message
+                except (EOFError, OSError):
+                    pass
+                if ended:
+                    running.remove(i)
+                    process.join()
+                elif late or not alive:
+                    process.join()
+                    number = int(at[0])
+                    if begun == 0 and not late and number < first:
+                        raise RuntimeError(f"a worker could not begin: exit {process.exitcode}")
+                    what = "took more than its time" if late else f"crashed ({process.exitcode})"
+                    yield "lost", ("wrong", what), f"number {number}"
+                    self.members[i] = self._begin(number + self.every)
+
+
+def main() -> None:
+    with Report("studies/fuzz") as study, tempfile.TemporaryDirectory(dir=_fast()) as home:
+        onnx = exported(Path(home))
+        if onnx is None:
+            study.line("exported networks are left out: the extra onnx is not installed")
+        else:
+            (Path(home) / ONNX).write_bytes(onnx)
+        counts: dict[str, Counter[str]] = {kind: Counter() for kind in (*CASES["files"], "lost")}
+        total = sum(CASES["files"].values())
+        bar = tqdm(total=total, unit="file", mininterval=5, disable=not sys.stderr.isatty())
+        with bar:
+            for kind, (how, why), which in Crew(home, CASES["workers"]).heard():
+                counts[kind][how] += 1
+                if how == "wrong":
+                    study.line(f"{which}: {why}")
+                bar.update()
+        study.line(f"{'reader':18s}{'files':>8s}{'refused':>9s}{'answered':>9s}{'wrong':>7s}")
+        for kind, count in counts.items():
+            found = [count[how] for how in ("refused", "answered", "wrong")]
+            study.line(f"{kind:18s}{sum(found):8d}{found[0]:9d}{found[1]:9d}{found[2]:7d}")
+            study.summary[f"{kind.replace(' ', '_')}_files"] = sum(found)
+        study.summary |= {
+            "mutated_files": sum(sum(count.values()) for count in counts.values()),
+            "reader_crashes": sum(count["wrong"] for count in counts.values()),
+        }
+
+
+def _fast() -> str | None:
+    """A file system in memory, where there is one: files are written and read and never kept."""
+    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,182 @@
+"""Outside data of every kind, spoiled: a clear error or a possible answer. Many more of them, in
+processes of their own: `make study-fuzz`."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fuzzing import EDITS, PLANTS, TOKENS, Bench, edited, readers
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+
+from lbgc import configs
+from lbgc.data import logs
+from lbgc.data.logs import LogConfig
+from lbgc.data.store import Dataset
+from lbgc.errors import InputError
+
+CHEAP = {"csv": 60, "recordings": 40, "means": 40, "parquet": 60, "psins": 60, "imu yaml": 30,
+         "log yaml": 30, "checkpoint": 30, "model": 40, "store payload": 8, "store documents": 15,
+         "manifest": 10}  # fmt: skip
+
+steps = st.lists(
+    st.tuples(st.sampled_from(list(EDITS)), st.floats(0, 1), st.integers(0, 2**31)),
+    min_size=1,
+    max_size=3,
+)
+
+
+@pytest.fixture(scope="module")
+def benches(tmp_path_factory) -> dict[str, Bench]:
+    home = tmp_path_factory.mktemp("fuzz")
+    every = readers(home)
+    others = [next(iter(reader.files.values())) for reader in every.values()]
+    return {n: Bench(home / n.replace(" ", "_"), r, others) for n, r in every.items()}
+
+
+def tried(bench: Bench, target: str, changes: list, forged: bool = False) -> bool:
+    """Whether it was refused; an answer must be a possible one."""
+    bench.spoil(target, changes, forged)
+    try:
+        answer = bench.reader.read(bench.place)
+    except InputError:
+        return True
+    finally:
+        bench.mend()
+    assert bench.verdict(answer, changes, forged) is None
+    return False
+
+
+@pytest.mark.filterwarnings("ignore")  # an overflow on the way to a refusal
+@pytest.mark.parametrize("kind", CHEAP)
+def test_whatever_was_done_to_a_file_it_is_refused_or_answered_rightly(kind, benches):
+    bench = benches[kind]
+    targets = list(bench.reader.targets or bench.reader.files)
+
+    @settings(max_examples=CHEAP[kind], derandomize=True, deadline=None, database=None,
+              suppress_health_check=list(HealthCheck))  # fmt: skip
+    @given(st.sampled_from(targets), steps, st.booleans())
+    def check(target, changes, forged):
+        tried(bench, target, changes, forged)
+
+    check()
+
+
+@pytest.mark.parametrize("kind", ["recordings", "checkpoint", "model", "store payload"])
+@pytest.mark.parametrize("planted", PLANTS)
+def test_what_is_no_file_is_refused_and_no_link_is_followed(kind, planted, benches):
+    """A pipe above all: reading it would never end."""
+    bench = benches[kind]
+    target = next(iter(bench.reader.targets or bench.reader.files))
+    for number in range(2):
+        refused = tried(bench, target, [(planted, 0.0, number)])
+        by_name = kind == "checkpoint" and planted in ("absent", "name", "dangling", "loop")
+        by_name |= kind == "recordings" and planted == "name"
+        allowed = planted == "link" and not bench.reader.closed
+        assert refused or by_name or allowed
+
+
+def test_mutations_do_something():
+    content = Path(__file__).read_bytes()
+    for name in EDITS:
+        assert edited(content, [(name, 0.5, 12345)], [b"another file's"]) != content, name
+    assert len(set(TOKENS)) == len(TOKENS)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("hydra: {callbacks: {a: {x: 1}}}", "hydra.callbacks cannot be brought along"),
+        ("x: &a {callbacks: 1}\nhydra: *a", "hydra as an alias"),
+        ("a: {_target_: os.system}", "_target_ as a parameter's name"),
+        ("# @package hydra.job_logging\nhandlers: 1", "Hydra's own settings"),
+        ("a: !!python/name:os.system x", "the tag"),
+        ("x: &a {b: 1}\n<<: *a", "<< as a parameter's name"),
+        (
+            "a: &a [x, x]\nb: &b [*a, *a]\n" + "c: [" + "*b, " * 3000 + "*b]",
+            "more than 10000 values",
+        ),
+        ("[" * 30 + "]" * 30, "nested more than 20 deep"),
+        ("a: ${b}${c}", "more than one"),
+        ("a: " + "9" * 5000, "more than 400 digits"),
+        ("a: b: c", "mapping values are not allowed"),
+        ("a: \ufffe", "not"),
+    ],
+)
+def test_configurations_that_could_run_or_grow_are_refused(tmp_path, cli, text, says):
+    (tmp_path / "imu").mkdir()
+    (tmp_path / "imu/mine.yaml").write_text(text)
+    done = cli("lbgc.bound", "--config-dir", str(tmp_path), "imu=mine")
+    assert done.code == 2
+    assert says in done.err
+    assert "Traceback" not in done.err
+
+
+def test_what_hydra_may_be_told_is_taken():
+    """A launcher's settings, for a sweep on a cluster."""
+    text = "# @package _global_\nhydra: {launcher: {timeout_min: 60}, sweeper: {params: {seed: 1}}}"
+    configs.check(text.encode(), "x.yaml")
+    assert configs.brought(["-cd", "a", "x=1", "--config-path=b"]) == [Path("a"), Path("b")]
+    for file in (Path(__file__).parents[1] / "conf").rglob("*.yaml"):
+        if OmegaConf.load(file):  # ours hold Hydra's help texts, which nobody else's may
+            content = file.read_bytes().split(b"\nhydra:")[0]
+            configs.check(content, str(file))
+
+
+@pytest.mark.parametrize("path", ["~no-such-user/x.csv", "x" * 5000, "a\x00b", "/dev/zero", "."])
+def test_odd_paths_of_logs_are_refused(path):
+    with pytest.raises(InputError, match=r"log\.path"):
+        list(logs.read(LogConfig(path=path)))
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "says"),
+    [("f_x", 1e300, "more than anything measures"), ("t", np.inf, "time in row 3 = inf")],
+)
+def test_numbers_that_nothing_measures_are_refused(tmp_path, column, value, says):
+    from test_logs import columns, config, write
+
+    values = columns()
+    values[column] = values[column].copy()
+    values[column][3] = value
+    with pytest.raises(InputError, match=says):
+        list(logs.read(config(write(tmp_path / "log.csv", values))))
+
+
+def test_a_column_that_stands_there_twice_is_refused(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t,w_x,w_x,w_y,w_z,f_x,f_y,f_z\n0,1,1,1,1,1,1,1\n1,1,1,1,1,1,1,1\n")
+    with pytest.raises(InputError, match="w_x: stands in log twice"):
+        list(logs.read(LogConfig(path=str(file), latitude=0.0, time_column="t")))
+
+
+def test_nothing_packed_is_unpacked(tmp_path):
+    """NumPy and Arrow would, by the file's ending, and a small file may hold a very large one."""
+    import gzip
+
+    for name, reader in (("a.csv.gz", "table"), ("a.imu.gz", "psins")):
+        (tmp_path / name).write_bytes(gzip.compress(b"1 2 3 4 5 6\n" * 1000))
+        with pytest.raises(InputError, match=r"log\.path"):
+            list(logs.read(LogConfig(path=str(tmp_path / name), reader=reader, latitude=1.0)))
+
+
+def test_a_store_opens_no_codec_that_it_names(benches, monkeypatch):
+    """Checksums made to fit: the schema alone says what is decoded, and how large it may be."""
+    bench = benches["store documents"]
+    for target, old, new in (
+        ("d.zarr/gyro/zarr.json", b'"blosc"', b'"numcodecs.pickle"'),
+        ("d.zarr/heading/zarr.json", b'"zarr_format": 3', b'"zarr_format": 2'),
+        ("d.zarr/heading/zarr.json", b"[\n    2\n  ]", b"[\n    99999999999\n  ]"),
+        ("d.zarr/accel/zarr.json", b"4200", b"4200000000000"),
+    ):
+        content = bench.reader.files[target]
+        assert old in content, target
+        (bench.place / target).write_bytes(content.replace(old, new, 1))
+        assert bench.reader.reseal is not None
+        bench.reader.reseal(bench.place)
+        with pytest.raises(InputError, match=r"is no dataset of this version|beyond repair"):
+            Dataset.open(bench.place / "d.zarr")
+        bench.mend()
+    assert os.listdir(bench.place) == ["d.zarr"]
