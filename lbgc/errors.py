@@ -2,7 +2,6 @@
 
 import _thread
 import dataclasses
-import math
 import os
 import sys
 import threading
@@ -139,7 +138,8 @@ def _convert(annotation: Any, name: str, value: Any) -> Any:
     if kind in (list, tuple) and isinstance(value, list | tuple):
         return kind(_convert(typing.get_args(annotation)[0], name, v) for v in value)
     if annotation is float and isinstance(value, int | float) and not isinstance(value, bool):
-        require(math.isfinite(value), name, value, "must be a finite number")
+        # no int is infinite, but one may be more than a float can be
+        require(abs(value) <= sys.float_info.max, name, value, "must be a finite number")
         return float(value)
     if annotation in (int, str, bool) and type(value) is annotation:
         return value

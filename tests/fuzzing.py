@@ -8,6 +8,7 @@ import json
 import os
 import re
 import shutil
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
@@ -462,7 +463,9 @@ def exported(home: Path) -> bytes | None:
         (made / name).write_bytes(content)
     net, said = load_net(made)
     try:
-        onnx.write(net, said, made / "model.onnx")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the exporter's own
+            onnx.write(net, said, made / "model.onnx")
     except InputError:
         return None
     return (made / "model.onnx").read_bytes()

@@ -52,7 +52,7 @@ ENTRY_POINTS = (
 )
 RENDERING = "sim/render.py"  # what `python sim/scene.py` runs; draws with lbgc.report
 ROOMS = {
-    "zarr": {"lbgc/data/store.py", "lbgc/data/documents.py"},
+    "zarr": {"lbgc/data/store.py", "lbgc/data/documents.py", "lbgc/data/codec.py"},
     "fsspec": {"lbgc/data/place.py"},
     "pyarrow": {"lbgc/data/tables.py"},
     "mujoco": {"sim/scene.py", "sim/physics.py", "sim/render.py"},

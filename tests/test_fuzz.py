@@ -101,6 +101,7 @@ def test_mutations_do_something():
         ("[" * 30 + "]" * 30, "nested more than 20 deep"),
         ("a: ${b}${c}", "more than one"),
         ("a: " + "9" * 5000, "more than 400 digits"),
+        ("gyro: {tone_hz: " + "9" * 400 + "}", "must be a finite number"),
         ("a: b: c", "mapping values are not allowed"),
         ("a: \ufffe", "not"),
     ],

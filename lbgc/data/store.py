@@ -18,7 +18,7 @@ from tqdm import tqdm
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
-from lbgc.data import manifest
+from lbgc.data import codec, manifest
 from lbgc.data.documents import DOCUMENTS, Layout, documents
 from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
@@ -26,6 +26,8 @@ from lbgc.data.schema import SCHEMA, SPLITS, VARIABLES
 from lbgc.data.vetting import layout_of
 from lbgc.errors import InputError, reading, require
 from lbgc.outputs import fingerprint
+
+codec.take()
 
 
 def create(path: str | Path, layout: Layout, configuration: Mapping, recipe: Mapping) -> "Dataset":

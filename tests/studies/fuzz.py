@@ -146,7 +146,7 @@ class Crew:
         ours, theirs = self.context.Pipe(duplex=False)
         at = self.context.Array("d", [first - self.every, 0.0])
         arguments = (self.home, first, self.every, at, theirs)
-        process = self.context.Process(target=work, args=arguments)
+        process = self.context.Process(target=work, args=arguments, daemon=True)
         process.start()
         theirs.close()
         return process, at, ours, first
