@@ -2,18 +2,27 @@
 
     make study-faults
 
-1. Digests of the same dataset made by this process and by 1, 2 and 4 others.
-2. Generation killed (SIGKILL, its workers left to notice) at moments uniform between the first
+1. Generation killed (SIGKILL, its workers left to notice) at moments uniform between the first
    shard and the finish; gone on with, the digest against an uninterrupted run's.
-3. Random damage, spread evenly over payload, shard index, metadata and manifest: whether reading
+2. Training killed likewise between its first checkpoint and the finish; the finished weights, byte
+   by byte, against an uninterrupted run's.
+3. Digests of the same dataset made by this process, by 1, 2 and 4 others, by others of which one is
+   killed midway, and by two workers of a dask scheduler, of which one is killed midway too.
+4. Random damage, spread evenly over payload, shard index, metadata and manifest: whether reading
    refuses, and whether generating again gives back every byte.
 """
 
+import os
 import shutil
+import signal
 import tempfile
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from multiprocessing import get_context, set_forkserver_preload
+from importlib.util import find_spec
+from multiprocessing import active_children, get_context, set_forkserver_preload
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -21,12 +30,17 @@ import numpy as np
 import yaml
 from common import Report
 from corruption import KINDS
-from helpers import default_config
+from dask_cluster import running
+from helpers import composed, default_config
 from tqdm import tqdm
 
+import lbgc.train
 import sim.generate
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError
+from lbgc.learning import checkpoint
+from lbgc.train import TrainConfig
+from sim.cluster import ClusterConfig
 
 CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
 
@@ -36,18 +50,56 @@ def first_shard(out: Path) -> bool:
 
 
 def digests(report: Report, home: Path) -> None:
-    ways = {"serial": []} | {
-        f"{n} workers": ["cluster=local", f"cluster.workers={n}"] for n in CASES["workers"]
-    }
-    found = set()
+    """Every way to make one dataset."""
+    config = default_config(*CASES["killed"])
+    ways = {"serial": ClusterConfig()}
+    ways |= {f"{n} workers": ClusterConfig("local", n) for n in CASES["workers"]}
+    found = {}
     for name, by in ways.items():
-        started = time.monotonic()
-        config = default_config(*CASES["killed"], *by)
-        made = sim.generate.main(replace(config, out=str(home / f"{name}.zarr")))
-        digest = Dataset.open_finished(made).digest()
-        report.line(f"{name:12s}{time.monotonic() - started:6.1f} s   {digest}")
-        found.add(digest)
-    report.summary["digests_equal"] = len(found) == 1
+        found[name] = made(report, replace(config, cluster=by, out=str(home / f"{name}.zarr")))
+    lost = replace(config, cluster=ClusterConfig("local", 2), out=str(home / "one killed.zarr"))
+    with killing_one(lost, lambda: [c.pid for c in active_children() if "Spawn" in c.name]):
+        found["one killed"] = made(report, lost)
+    if find_spec("distributed") is None:
+        report.line("dask is left out: the extra dask is not installed")
+    else:
+        with running(home, 2) as (address, workers):
+            by = ClusterConfig("dask", address=address)
+            asked = replace(config, cluster=by, out=str(home / "dask, one killed.zarr"))
+            with killing_one(asked, lambda: [workers[0].pid]):
+                found["dask"] = made(report, asked)
+    report.summary["digests_of"] = len(found)
+    report.summary["digests_equal"] = len(set(found.values())) == 1
+
+
+def made(report: Report, config: sim.generate.GenerateConfig) -> str:
+    """The digest of a dataset that is made now."""
+    started = time.monotonic()
+    path = sim.generate.main(config)
+    seconds, digest = time.monotonic() - started, Dataset.open_finished(path).digest()
+    report.line(f"{Path(path).stem:18s}{seconds:6.1f} s   {digest}")
+    return digest
+
+
+@contextmanager
+def killing_one(
+    config: sim.generate.GenerateConfig, pids: Callable[[], list[int | None]]
+) -> Iterator[None]:
+    """One of these processes is killed once the first shard is finished."""
+    killed: list[int] = []
+
+    def kill() -> None:
+        while not first_shard(Path(str(config.out))):
+            time.sleep(0.005)
+        (first, *_) = [pid for pid in pids() if pid is not None]
+        os.kill(first, signal.SIGKILL)
+        killed.append(first)
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    yield
+    thread.join(timeout=10)
+    assert killed, "everything was over before anybody could be killed"
 
 
 def begin(config: sim.generate.GenerateConfig) -> BaseProcess:
@@ -95,6 +147,64 @@ def kills(report: Report, home: Path) -> None:
     report.summary |= {"generation_kills": done, "differences_after_kill": different}
 
 
+def train_in(home: Path, config: TrainConfig) -> None:
+    """A training whose outputs lie below `home`."""
+    home.mkdir(exist_ok=True)
+    os.chdir(home)
+    lbgc.train.main(config)
+
+
+def training_kills(report: Report, home: Path) -> None:
+    rng = np.random.default_rng([CASES["seed"], 2])
+    data = default_config(*CASES["trained_on"])
+    sim.generate.main(replace(data, out=str(home / "trained on.zarr")))
+    config = composed(TrainConfig, "train", *CASES["trained"], f"data='{home / 'trained on.zarr'}'")
+
+    def begun(where: Path) -> BaseProcess:
+        """Its first checkpoint written."""
+        process = get_context("forkserver").Process(target=train_in, args=(where, config))
+        process.start()
+        while not list(where.glob("outputs/train/*/checkpoint*")) and process.is_alive():
+            time.sleep(0.002)
+        return process
+
+    def weights(where: Path) -> bytes:
+        (file,) = where.glob("outputs/train/latest/model.safetensors")
+        return file.read_bytes()
+
+    process = begun(home / "whole")
+    started = time.monotonic()
+    process.join()
+    span, expected = time.monotonic() - started, weights(home / "whole")
+    report.line(f"training: first checkpoint to finish {span:.1f} s")
+    done, different, steps = 0, 0, []
+    with tqdm(total=CASES["training_kills"], desc="killing", leave=False) as bar:
+        while done < CASES["training_kills"]:
+            where = home / f"training {len(steps)}"
+            shutil.rmtree(where, ignore_errors=True)
+            process = begun(where)
+            time.sleep(rng.uniform() * span)
+            in_time = process.is_alive()
+            process.kill()
+            process.join()
+            if not in_time or list(where.glob("outputs/train/latest/*")):
+                continue  # it had finished already
+            (left,) = where.glob("outputs/train/*/checkpoint.safetensors")
+            steps.append(checkpoint.read(left)[1]["step"])
+            again = get_context("forkserver").Process(target=train_in, args=(where, config))
+            again.start()
+            again.join()
+            different += weights(where) != expected
+            done += 1
+            bar.update()
+    kept = f"checkpoints of steps {min(steps)} to {max(steps)} of {config.steps}"
+    report.line(f"{done} trainings killed, {kept}; {different} differ")
+    report.summary["training_kills"] = done
+    before = report.summary["differences_after_kill"]
+    assert isinstance(before, int)
+    report.summary["differences_after_kill"] = before + different
+
+
 def corruptions(report: Report, home: Path) -> None:
     config = default_config(*CASES["damaged"])
     whole, foreign, out = (home / f"{n}.zarr" for n in ("whole", "foreign", "damaged"))
@@ -135,9 +245,10 @@ def corruptions(report: Report, home: Path) -> None:
 sim.generate.try_picture = lambda *_: None
 
 if __name__ == "__main__":
-    set_forkserver_preload(["sim.generate", "helpers", "common", "corruption"])
+    set_forkserver_preload(["sim.generate", "lbgc.train", "helpers", "common", "corruption"])
     with Report("studies/faults") as study, tempfile.TemporaryDirectory() as temporary:
         place = Path(temporary)
         kills(study, place)
+        training_kills(study, place)
         digests(study, place)
         corruptions(study, place)

@@ -1,0 +1,44 @@
+"""A dask scheduler and its workers as processes of their own, as on a real cluster."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def running(home: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen]]]:
+    """The scheduler's address, and the workers' processes; all ended afterwards.
+
+    home : of what they say and of the scheduler's file, which holds its address.
+    """
+    told = home / "scheduler.json"
+    started: list[subprocess.Popen] = []
+
+    def start(*arguments: str) -> subprocess.Popen:
+        with (home / f"dask-{len(started)}.log").open("w") as log:
+            command = [sys.executable, "-m", "dask", *arguments, "--scheduler-file", str(told)]
+            environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+            process = subprocess.Popen(command, stdout=log, stderr=log, cwd=home, env=environment)
+        started.append(process)
+        return process
+
+    try:
+        scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        while not told.exists() or not told.read_text().rstrip().endswith("}"):
+            assert scheduler.poll() is None, (home / "dask-0.log").read_text()
+            time.sleep(0.05)
+        for _ in range(workers):
+            start(
+                "worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "30"
+            )
+        address = next(p for p in told.read_text().split('"') if p.startswith("tcp://"))
+        yield address, started[1:]
+    finally:
+        for process in reversed(started):
+            process.send_signal(signal.SIGKILL)
+            process.wait()
