@@ -1,6 +1,7 @@
 """Nothing lost: whatever happens to a dataset's files is noticed, named, refused and mended."""
 
 import errno
+import json
 import os
 import shutil
 import signal
@@ -18,7 +19,7 @@ from corruption import KINDS, flip
 from helpers import ROOT, generate
 
 from lbgc.data import manifest, store
-from lbgc.data.documents import DOCUMENTS, Layout
+from lbgc.data.documents import DOCUMENTS, Layout, documents
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, run_main
@@ -168,6 +169,19 @@ def test_a_schema_has_one_content():
     """Another content is another schema: give it the next number, and say so in the CHANGELOG."""
     content = {name: vars(variable) for name, variable in VARIABLES.items()}
     assert (SCHEMA, fingerprint(content)) == (3, "c4f91051c2cd89f3")
+
+
+def test_a_schema_has_one_way_of_storing():
+    """Every array's type, chunks, codecs and attributes, at full rate and as means; likewise."""
+    stored = {}
+    for layout in (LAYOUT, Layout(600, 48, 0.2, {"gyro": None, "accel": None})):
+        for name, content in documents(layout, {}).items():
+            if name.endswith("zarr.json"):
+                said = json.loads(content)
+                keys = ("shape", "data_type", "chunk_grid", "chunk_key_encoding", "codecs",
+                        "fill_value", "dimension_names", "attributes")  # fmt: skip
+                stored[f"{layout.shard} {name}"] = {key: said.get(key) for key in keys}
+    assert (SCHEMA, fingerprint(stored)) == (3, "f79fc6bc7adb9dfd")
 
 
 @pytest.mark.parametrize("url", ["memory://test_faults/d.zarr", "file://{}/d.zarr"])

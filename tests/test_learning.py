@@ -18,10 +18,12 @@ from lbgc.errors import InputError
 from lbgc.estimators.static import mean
 from lbgc.frames import euler_to_matrix, rotation_z, wrap
 from lbgc.learning.augment import AugmentConfig, augment
+from lbgc.learning.description import FORMAT, Description
 from lbgc.learning.estimator import Learned, load_net
 from lbgc.learning.loss import cyclic_error_deg, cyclic_mse, vector_mse
 from lbgc.learning.model import ModelConfig, features, make, parameter_count
 from lbgc.metrics import heading_errors
+from lbgc.outputs import fingerprint
 from lbgc.train import TrainConfig
 
 PUBLISHED = ModelConfig("published", output="degrees", channels=["gyro"])
@@ -234,6 +236,35 @@ def test_a_damaged_or_foreign_run_is_refused(tmp_path, unit_bias_run):
     (tmp_path / "model.json").write_text(json.dumps(said | {"model": {"hidden": 8}}))
     with pytest.raises(InputError, match="holds a damaged model"):
         Learned.load(tmp_path)
+
+
+def test_a_run_of_another_format_is_refused_by_number(tmp_path, unit_bias_run):
+    for name in ("model.json", "model.safetensors"):
+        (tmp_path / name).write_bytes((unit_bias_run[1] / name).read_bytes())
+    said = (tmp_path / "model.json").read_text().replace('"format": 3', '"format": 2')
+    (tmp_path / "model.json").write_text(said)
+    with pytest.raises(InputError, match="is of format 2, this version reads 3; train it again"):
+        Learned.load(tmp_path)
+
+
+def test_a_format_has_one_content():
+    """Another content is another format: give it the next number, and say so in the CHANGELOG."""
+    kinds = (ModelConfig(), ModelConfig(cell="pool", base="gls", output="vonmises"))
+    content = [sorted(f.name for f in fields(kind)) for kind in (Description, ModelConfig)]
+    shapes = [{n: list(v.shape) for n, v in make(k, 1).state_dict().items()} for k in kinds]
+    assert (FORMAT, fingerprint({"keys": content, "weights": shapes})) == (3, "235fae43a6e056b0")
+
+
+def test_a_damaged_run_is_trained_again(tmp_path, monkeypatch, unit_bias_run):
+    """The same command mends it; a whole one is left as it is."""
+    monkeypatch.chdir(tmp_path)
+    options = (f"data={unit_bias_run[0].path}", "steps=2", "validate_every=1", "windows_s=[10]")
+    config = composed(TrainConfig, "train", *options, "batch=4", "model=bilstm_8")
+    weights = lbgc.train.main(config) / "model.safetensors"
+    good = weights.read_bytes()
+    weights.write_bytes(good[:-1] + bytes([good[-1] ^ 1]))
+    assert lbgc.train.main(config) / "model.safetensors" == weights
+    assert weights.read_bytes() == good
 
 
 def test_a_run_leaves_what_it_promises(unit_bias_run):
