@@ -27,6 +27,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
+import torch
 import yaml
 from common import Report
 from corruption import KINDS
@@ -149,6 +150,7 @@ def kills(report: Report, home: Path) -> None:
 
 def train_in(home: Path, config: TrainConfig) -> None:
     """A training whose outputs lie below `home`."""
+    torch.set_num_threads(1)
     home.mkdir(exist_ok=True)
     os.chdir(home)
     lbgc.train.main(config)
