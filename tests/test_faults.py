@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import weakref
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -284,6 +285,33 @@ def test_a_full_disk_is_named_and_what_is_finished_stays(cli, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     assert cli("sim.generate", *SIZE).code == 0
     assert Dataset.open_finished(tmp_path / "d.zarr").digest() == digest
+
+
+@pytest.fixture
+def small_disk(tmp_path) -> Iterator[Path]:
+    """A file system in memory with room for about a shard, where mounting one is allowed."""
+    where = tmp_path / "small"
+    where.mkdir()
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1600k", "none", where],
+                          capture_output=True, text=True)  # fmt: skip
+    if done.returncode:
+        pytest.skip(f"needs leave to mount a tmpfs: {done.stderr.strip()}")
+    yield where
+    subprocess.run(["umount", where], check=True)
+
+
+def test_a_disk_that_is_full_loses_nothing(cli, small_disk, digest):
+    asked = (*SIZE[:3], f"out={small_disk}/d.zarr")
+    done = cli("sim.generate", *asked)
+    assert done.code == 2
+    assert "cannot be written (No space left on device); what is finished stays good" in done.err
+    unfinished = Dataset.open(small_disk / "d.zarr")
+    assert 0 < len(unfinished.missing_shards()) < unfinished.layout.shards
+    assert unfinished.damaged_shards() == []
+    larger = ["mount", "-o", "remount,size=50m", str(small_disk)]
+    subprocess.run(larger, check=True)
+    assert cli("sim.generate", *asked).code == 0
+    assert Dataset.open_finished(small_disk / "d.zarr").digest() == digest
 
 
 def killing(path: str, shard: int) -> None:
