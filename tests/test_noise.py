@@ -109,11 +109,12 @@ def test_blocks_join_with_the_exact_covariance(terms):
     size, dt = 16, 0.31
     f = gaussian._block_factor(terms, dt, size)
     start = f.start @ f.start.T
-    L = f.L.astype(float)
-    end = f.F @ start @ f.F.T + f.G @ f.G.T + f.W @ f.W.T
-    first = f.O @ start @ f.O.T + L @ L.T
-    second = f.O @ end @ f.O.T + L @ L.T
-    across = (f.O @ start @ f.F.T + L @ f.G.T) @ f.O.T
+    L, O = np.hsplit(f.LO.astype(float), [size])  # noqa: E741
+    G, W = np.hsplit(f.GW.astype(float), [size])
+    end = f.F @ start @ f.F.T + G @ G.T + W @ W.T
+    first = O @ start @ O.T + L @ L.T
+    second = O @ end @ O.T + L @ L.T
+    across = (O @ start @ f.F.T + L @ G.T) @ O.T
     joined = np.block([[first, across], [across.T, second]])
     expected = gaussian.covariance_of_means(terms, 2 * size, dt)
     np.testing.assert_allclose(joined, expected, atol=1e-6 * expected.max())
@@ -131,6 +132,22 @@ def test_drawn_series_have_the_covariance_across_blocks(terms, rng):
     expected = np.diag(looks @ gaussian.covariance_of_means(terms, n, dt) @ looks.T)
     drawn = np.mean((y @ looks.T) ** 2, axis=0)
     np.testing.assert_allclose(drawn, expected, rtol=4.5 * np.sqrt(2 / draws))
+
+
+@pytest.mark.parametrize("n", [1, 131, 960])
+def test_a_series_is_the_same_to_the_bit_in_whatever_company(n):
+    """Else a recording would depend on how many others are made with it."""
+    terms = TERMS["a sum"]
+
+    def generators(count):
+        return [np.random.Generator(np.random.SFC64(i)) for i in range(count)]
+
+    together = gaussian.sample(terms, generators(64), (64, n), 0.1)
+    for count in (1, 7, 33):
+        few = gaussian.sample(terms, generators(count), (count, n), 0.1)
+        np.testing.assert_array_equal(few, together[:count])
+    alone = gaussian.sample(terms, generators(1)[0], (n,), 0.1)
+    np.testing.assert_array_equal(alone, together[0])
 
 
 def test_sample_means_has_the_law_of_averaged_samples(rng):

@@ -146,7 +146,7 @@ def test_another_schema_is_refused_by_number(dataset, call):
     attributes = zarr.open_group(dataset.path, mode="r+").attrs
     attributes["schema"] = 2
     attributes["identity"] = fingerprint({"schema": 2, "a": 1})
-    with pytest.raises(InputError, match="has schema 2, this version reads 3; generate it again"):
+    with pytest.raises(InputError, match="has schema 2, this version reads 4; generate it again"):
         call(dataset.path)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from lbgc.protocol import STAGES
 
-SCHEMA = 3
+SCHEMA = 4
 """Changes whenever the same configuration would give other bytes, or a reader would be misled."""
 
 SPLITS = ("train", "validation", "test")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lbgc.sensor import noise
+from lbgc.sensor import gaussian, noise
 from lbgc.sensor.imu import Disturbance, Triad
 
 
@@ -53,7 +53,7 @@ def measure_means(
     if warming is not None and warming.rise_k != 0:
         warmth = warming.rise(n, interval)[:, None]
         signal += (lasting.bias_per_k[:, None] + lasting.scale_per_k[:, None] * truth) * warmth
-    signal += triad.sample_noise(rng, count, n, interval)
+    signal += gaussian.sample_axes(triad.terms_of_means(dt), rng, count, n, interval)
     for axis in range(3):
         if triad.tone[axis] > 0:
             phases = rng.uniform(0, 2 * np.pi, (count,))
@@ -61,19 +61,4 @@ def measure_means(
         if triad.R[axis] > 0:
             sign = rng.choice([-1.0, 1.0], count)
             signal[..., axis] += noise.Ramp(triad.R[axis]).with_sign(sign, n, interval)
-    signal += _rounding(triad, rng, (count, 3, n), dt, block)
     return signal
-
-
-def _rounding(
-    triad: Triad, rng: np.random.Generator, shape: tuple[int, int, int], dt: float, block: int
-) -> np.ndarray | float:
-    """Of counts, as `Triad.measure_means` has it: (W, n, 3)."""
-    if triad.carried_lsb is not None:
-        rest = noise.AngleQuantisation(triad.carried_lsb / np.sqrt(12))
-        return np.moveaxis(rest.sample_means(rng, shape, dt, block), 1, 2)
-    if triad.lsb is None:
-        return 0.0
-    count, _, n = shape
-    size = triad.lsb / np.sqrt(12 * block)
-    return size * rng.standard_normal((count, n, 3), dtype=np.float32)

@@ -18,6 +18,7 @@ known state delivers row by row. The state at the block's end given y is ``F x +
 few more normals w. O, L, F, G, W are the same for every block; nothing is interpolated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
@@ -27,6 +28,12 @@ import scipy.linalg
 
 BLOCK = 128
 """Samples drawn from one factor. Changing it changes every dataset's bytes: a new schema number."""
+_GROUP = 32
+"""Blocks whose states are found together; likewise."""
+
+
+Source: TypeAlias = np.random.Generator | Sequence[np.random.Generator]
+"""Of random numbers: one for all series, or several for as many equal parts of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +102,12 @@ class GaussianTerm:
         """The term's means over intervals of this length (s)."""
         raise NotImplementedError
 
-    def sample(self, rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> np.ndarray:
+    def sample(self, rng: Source, shape: tuple[int, ...], dt: float) -> np.ndarray:
         """This term alone; see the module's `sample`."""
         return sample((self,), rng, shape, dt)
 
     def sample_means(
-        self, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
+        self, rng: Source, shape: tuple[int, ...], dt: float, block: int
     ) -> np.ndarray:
         """This term alone; see the module's `sample_means`."""
         return sample_means((self,), rng, shape, dt, block)
@@ -114,36 +121,99 @@ Gaussians: TypeAlias = tuple[GaussianTerm, ...]
 
 
 def sample(
-    terms: Gaussians, rng: np.random.Generator, shape: tuple[int, ...], dt: float
+    terms: Gaussians,
+    rng: Source,
+    shape: tuple[int, ...],
+    dt: float,
+    out: np.ndarray | None = None,
 ) -> np.ndarray:
     """Draw the sum of Gaussian terms, with the exact joint law of its samples.
 
-    shape : (*S, n), independent series and the samples of each; dt : s.
-    Returns float32 (*S, n), in the terms' unit. The slow parts are carried in float64.
+    shape : (*S, n), independent series and the samples of each; dt : s; rng : one for all, or one
+    for each of the first axis; out : where to, float32. Returns float32 (*S, n), in the terms'
+    unit. The state is carried in float64.
     """
     *series, n = shape
     count = int(np.prod(series))
+    drawn_to = np.empty(shape, np.float32) if out is None else out
     if not terms:
-        return np.zeros(shape, np.float32)
+        drawn_to[...] = 0
+        return drawn_to
     factor = _block_factor(terms, dt, min(BLOCK, n))
-    blocks = -(-n // factor.size)
-    states = len(factor.start)
-    x = rng.standard_normal((count, states)) @ factor.start.T
-    w = rng.standard_normal((blocks, count, states)) @ factor.W.T
-    e = rng.standard_normal((blocks, count, factor.size), dtype=np.float32)
-    steps = w + e @ factor.G.T
-    starts = np.empty((blocks, count, states))
-    for b in range(blocks):
-        starts[b] = x
-        x = x @ factor.F.T + steps[b]
-    y = e @ factor.L.T
-    y += (starts @ factor.O.T).astype(np.float32)
-    path = y.transpose(1, 0, 2).reshape(count, blocks * factor.size)[:, :n]
-    return path.reshape(shape)
+    size, states, blocks = factor.size, len(factor.start), -(-n // factor.size)
+    parts = 1 if isinstance(rng, np.random.Generator) else len(rng)
+    drawn = _normals(rng, count, states + blocks * (size + states))
+    # Each part's products are taken by themselves: by how many rows there are, BLAS rounds.
+    x = drawn[:, :states].reshape(parts, count // parts, states) @ factor.start.T
+    e = drawn[:, states:].reshape(parts, -1, size + states)  # of each block, e and w
+    if states:
+        # What moved the state has done its work: the state itself takes its place.
+        e[..., size:] = _starts(factor.F, x, e @ factor.GW.T)
+    if count == 1 and n == blocks * size:  # fresh memory is not free: straight to its place
+        np.matmul(e[0], factor.LO.T, out=drawn_to.reshape(blocks, size))
+    else:
+        drawn_to[...] = (e @ factor.LO.T).reshape(count, -1)[:, :n].reshape(shape)
+    return drawn_to
+
+
+def _normals(rng: Source, count: int, each: int) -> np.ndarray:
+    """Standard normal, float32 (count, each); from several generators as many rows of each."""
+    if isinstance(rng, np.random.Generator):
+        return rng.standard_normal((count, each), dtype=np.float32)
+    drawn = np.empty((count, each), np.float32)
+    for own, rows in zip(rng, drawn.reshape(len(rng), -1), strict=True):
+        own.standard_normal(out=rows, dtype=np.float32)
+    return drawn
+
+
+def _starts(F: np.ndarray, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """States at the blocks' starts: x[b + 1] = F x[b] + steps[b]. x : (parts, series, p), the
+    first; steps : (parts, series blocks, p), float32. Returns float64 like steps.
+
+    By groups of blocks: what a group's own steps do in it is one product for all groups, in their
+    float32, which leaves only the groups' first states to be found one after the other."""
+    parts, series, p = x.shape
+    blocks = steps.shape[1] // series
+    group = min(_GROUP, blocks)
+    groups = -(-blocks // group)
+    reach, inner = _group(F.tobytes(), p, group)
+    padded = np.zeros((parts, series, groups * group, p), np.float32)
+    padded[:, :, :blocks] = steps.reshape(parts, series, blocks, p)
+    own = padded.reshape(parts, series * groups, group * p) @ inner.T
+    ends = own[..., -p:].reshape(parts, series, groups, p)
+    first = np.empty((parts, series, groups, p))
+    for g in range(groups):
+        first[:, :, g] = x
+        x = x @ reach[-p:].T + ends[:, :, g]
+    starts = own[..., :-p] + first.reshape(parts, series * groups, p) @ reach[:-p].T
+    whole = starts.reshape(parts, series, groups * group, p)[:, :, :blocks]
+    return whole.reshape(parts, series * blocks, p)
+
+
+@lru_cache(maxsize=64)
+def _group(F: bytes, p: int, group: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of the states at the starts of a group's blocks and at its end, all in one: what the first
+    makes of them, ((group + 1) p, p), and what the steps do, float32 ((group + 1) p, group p)."""
+    powers = [np.eye(p)]
+    for _ in range(group):
+        powers.append(np.frombuffer(F).reshape(p, p) @ powers[-1])
+    inner = np.zeros((group + 1, p, group, p))
+    for after in range(1, group + 1):
+        for k in range(after):
+            inner[after, :, k] = powers[after - 1 - k]
+    flat = inner.reshape((group + 1) * p, group * p)
+    return np.concatenate(powers), flat.astype(np.float32)
+
+
+def sample_axes(
+    axes: Sequence[Gaussians], rng: np.random.Generator, count: int, n: int, dt: float
+) -> np.ndarray:
+    """`count` series of each of several axes, float32 (count, n, axes)."""
+    return np.stack([sample(terms, rng, (count, n), dt) for terms in axes], axis=-1)
 
 
 def sample_means(
-    terms: Gaussians, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
+    terms: Gaussians, rng: Source, shape: tuple[int, ...], dt: float, block: int
 ) -> np.ndarray:
     """Draw means over blocks of `block` samples with exactly the law of averaging `sample`.
 
@@ -220,18 +290,16 @@ def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _BlockFactor:
-    """y = O x + L e and x_end = F x + G e + W w for one block (see the module)."""
+    """y = L e + O x and x_end = F x + G e + W w for one block (see the module)."""
 
-    O: np.ndarray  # (M, p)  # noqa: E741
-    L: np.ndarray  # (M, M), float32
+    LO: np.ndarray  # (M, M + p), float32, L and O side by side
     F: np.ndarray  # (p, p)
-    G: np.ndarray  # (p, M)
-    W: np.ndarray  # (p, p)
+    GW: np.ndarray  # (p, M + p), float32, G and W side by side
     start: np.ndarray  # (p, p), square root of P0
 
     @property
     def size(self) -> int:
-        return len(self.L)
+        return len(self.LO)
 
 
 @lru_cache(maxsize=64)
@@ -257,7 +325,8 @@ def _block_factor(terms: Gaussians, interval: float, size: int) -> _BlockFactor:
         P = m.A @ P @ m.A.T + m.Q - np.outer(gain, gain) * variance
         P = (P + P.T) / 2
         F = m.A @ F
-    return _BlockFactor(O, L.astype(np.float32), F, response, _square_root(P), _square_root(m.P0))
+    LO, GW = np.hstack([L, O]), np.hstack([response, _square_root(P)])
+    return _BlockFactor(LO.astype(np.float32), F, GW.astype(np.float32), _square_root(m.P0))
 
 
 def _square_root(covariance: np.ndarray) -> np.ndarray:

@@ -140,6 +140,15 @@ class Triad:
         """The in-run Gaussian terms of each axis; a coefficient of zero is no term."""
         return tuple(self._terms_of(axis) for axis in (0, 1, 2))
 
+    def terms_of_means(self, dt: float) -> tuple[gaussian.Gaussians, ...]:
+        """Of each axis's block means of samples at dt: rounding to counts is a term like others."""
+        if self.carried_lsb is not None:
+            rounding = (noise.AngleQuantisation(self.carried_lsb / np.sqrt(12)),)
+            return tuple((*own, *rounding) for own in self.terms)
+        if self.lsb is None:
+            return self.terms
+        return tuple((*own, noise.White(self.lsb * np.sqrt(dt / 12))) for own in self.terms)
+
     def _terms_of(self, i: int) -> gaussian.Gaussians:
         white: gaussian.GaussianTerm = noise.White(self.N[i])
         if self.bandwidth_hz is not None:
@@ -201,8 +210,8 @@ class Triad:
     ) -> TriadErrors:
         """What is drawn before a recording starts, joined to what its unit and session fixed."""
         bias = rng.standard_normal(3) * self.bias_run
-        phase = rng.uniform(0, 2 * np.pi, 3)
-        sign = rng.choice([-1.0, 1.0], 3)
+        phase = 2 * np.pi * rng.random(3)
+        sign = np.where(rng.random(3) < 0.5, -1.0, 1.0)
         return TriadErrors(
             **vars(of_unit),
             bias_session=of_session,
@@ -215,8 +224,7 @@ class Triad:
         self, rng: np.random.Generator, count: int, n: int, interval: float
     ) -> np.ndarray:
         """The Gaussian in-run noise alone, of interval means: float32 (count, n, 3)."""
-        axes = [gaussian.sample(terms, rng, (count, n), interval) for terms in self.terms]
-        return np.stack(axes, axis=-1)
+        return gaussian.sample_axes(self.terms, rng, count, n, interval)
 
     def output_scale(self, dt: float) -> float | None:
         """SI per stored count of a rate: the count, or the carried one over the interval."""
@@ -236,10 +244,10 @@ class Triad:
 
         truth : (3, n), or (3, 1) where it is constant; means over (t_k - dt, t_k].
         """
-        signal = self._noise(rng, errors, n, dt)
-        signal += self._response(truth, errors, n, dt, disturbance)
+        signal = self._noise(self.terms, rng, errors, n, dt)
+        signal += self._response(truth, errors, n, dt, disturbance).astype(np.float32)
         saturated = np.zeros(n, bool)
-        if self.range is not None:
+        if self.range is not None and max(signal.max(), -signal.min()) > self.range:
             saturated = (np.abs(signal) > self.range).any(axis=0)
             np.clip(signal, -self.range, self.range, out=signal)
         if self.carried_lsb is not None:
@@ -248,11 +256,13 @@ class Triad:
             return counts.astype(np.int32), saturated
         if self.lsb is None:
             return signal, saturated
-        return np.rint(signal / np.float32(self.lsb)).astype(np.int32), saturated
+        np.divide(signal, np.float32(self.lsb), out=signal)
+        counts = signal.view(np.int32)  # in the same memory, for fresh memory is not free
+        return np.rint(signal, out=counts, casting="unsafe"), saturated
 
     def measure_means(
         self,
-        rng: np.random.Generator,
+        rng: gaussian.Source,
         truth: np.ndarray,
         errors: TriadErrors,
         n: int,
@@ -263,38 +273,43 @@ class Triad:
         """n means over `block` samples each, float32 (3, n), with the law of averaging `measure`.
 
         truth : (3, 1) where it is constant; else the samples' own, (3, n block), or where
-        `ImuModel.averages_motion` their means, (3, n). The disturbance's force, likewise.
+        `ImuModel.averages_motion` their means, (3, n). The disturbance's force, likewise. Of
+        several recordings at once each of these, and what is in `errors`, has one more axis in
+        front, and each recording its own generator: float32 (R, 3, n).
 
         Rounding enters as the white noise that it is while the samples' noise exceeds half a count
         (`check_means` refuses where it does not, and where the range would clip); carried counts
         as angle quantisation of a twelfth of their square.
         """
-        means = self._noise(rng, errors, n, dt * block)
-        if truth.shape[1] in (1, n):
-            means += self._response(truth, errors, n, dt * block, disturbance)
+        means = self._noise(self.terms_of_means(dt), rng, errors, n, dt * block)
+        if truth.shape[-1] in (1, n):
+            response = self._response(truth, errors, n, dt * block, disturbance)
         else:
-            response = self._response(truth, errors, n * block, dt, disturbance)
-            means += response.reshape(3, n, block).mean(axis=2)
-        if self.carried_lsb is not None:
-            rest = noise.AngleQuantisation(self.carried_lsb / np.sqrt(12))
-            means += rest.sample_means(rng, (3, n), dt, block)
-        elif self.lsb is not None:
-            rounding = self.lsb / np.sqrt(12 * block)
-            means += rng.standard_normal((3, n), dtype=np.float32) * np.float32(rounding)
+            fine = self._response(truth, errors, n * block, dt, disturbance)
+            response = fine.reshape(*fine.shape[:-1], n, block).mean(axis=-1)
+        means += response.astype(np.float32)
         return means
 
     def _noise(
-        self, rng: np.random.Generator, errors: TriadErrors, n: int, dt: float
+        self,
+        terms: tuple[gaussian.Gaussians, ...],
+        rng: gaussian.Source,
+        errors: TriadErrors,
+        n: int,
+        dt: float,
     ) -> np.ndarray:
-        """The in-run terms, tone and ramp: float32 (3, n). Its means over dt have the law of its
-        samples' averages."""
-        signal = np.empty((3, n), np.float32)
-        for axis, terms in enumerate(self.terms):
-            signal[axis] = gaussian.sample(terms, rng, (n,), dt)
+        """These terms of each axis, tone and ramp: float32 (*R, 3, n). Its means over dt have the
+        law of its samples' averages."""
+        recordings = errors.bias_run.shape[:-1]
+        signal = np.empty((*recordings, 3, n), np.float32)
+        for axis, own in enumerate(terms):
+            drawn = signal[..., axis, :]
+            gaussian.sample(own, rng, drawn.shape, dt, out=drawn)
             if self.tone[axis] > 0:
-                signal[axis] += self.tone_of(axis).at_phase(errors.tone_phase[axis], n, dt)
+                phase = errors.tone_phase[..., axis]
+                drawn += self.tone_of(axis).at_phase(phase, n, dt, np.float32)
             if self.R[axis] > 0:
-                signal[axis] += noise.Ramp(self.R[axis]).with_sign(errors.ramp_sign[axis], n, dt)
+                drawn += noise.Ramp(self.R[axis]).with_sign(errors.ramp_sign[..., axis], n, dt)
         return signal
 
     def _response(
@@ -305,18 +320,18 @@ class Triad:
         dt: float,
         disturbance: "Disturbance | None",
     ) -> np.ndarray:
-        """What the truth alone would give, (3, n) or (3, 1): scale, misalignment, biases,
+        """What the truth alone would give, (*R, 3, n) or (*R, 3, 1): scale, misalignment, biases,
         g-sensitivity, warming up, and the output filter on what moves."""
-        signal = (np.eye(3) + errors.matrix) @ truth + errors.bias[:, None]
+        signal = (np.eye(3) + errors.matrix) @ truth + errors.bias[..., None]
         if disturbance is not None and disturbance.force is not None:
             signal = signal + errors.g_sensitivity @ disturbance.force
         if disturbance is not None and disturbance.rise_k != 0:
             warmth = disturbance.rise(n, dt)
-            signal = signal + errors.bias_per_k[:, None] * warmth
-            signal = signal + errors.scale_per_k[:, None] * truth * warmth
-        if truth.shape[1] > 1 and self.bandwidth_hz is not None:
+            signal = signal + errors.bias_per_k[..., None] * warmth
+            signal = signal + errors.scale_per_k[..., None] * truth * warmth
+        if truth.shape[-1] > 1 and self.bandwidth_hz is not None:
             for axis, shape in enumerate(zip(self.bandwidth_hz, self.damping, strict=True)):
-                signal[axis] = low_pass(signal[axis], *shape, dt)
+                signal[..., axis, :] = low_pass(signal[..., axis, :], *shape, dt)
         return signal
 
     def check_means(self, name: str, dt: float, largest_truth: float) -> None:

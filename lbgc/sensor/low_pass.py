@@ -9,7 +9,7 @@ import scipy.linalg
 
 
 def low_pass(signal: np.ndarray, bandwidth: float, damping: float, dt: float) -> np.ndarray:
-    """Interval means (n,) of the input -> interval means (n,) of the filter's output.
+    """Interval means (*S, n) of the input -> interval means (*S, n) of the filter's output.
 
     bandwidth : Hz, the natural frequency w0/(2 pi); dt : s. Within an interval the input is held
     at its mean, so that the group delay, 2 damping/w0 at low frequency, and every step's area are
@@ -27,5 +27,5 @@ def low_pass(signal: np.ndarray, bandwidth: float, damping: float, dt: float) ->
     step = scipy.linalg.expm(drift * dt)
     A, b, c, d = step[:2, :2], step[:2, 2:3], step[3:, :2] / dt, step[3:, 2:3] / dt
     numerator, denominator = ss2tf(A, b, c, d)
-    start = lfilter_zi(numerator[0], denominator) * signal[0]
+    start = lfilter_zi(numerator[0], denominator) * signal[..., :1]
     return lfilter(numerator[0], denominator, signal, zi=start)[0]

@@ -21,6 +21,7 @@ from lbgc.sensor.gaussian import GaussianTerm, MeansModel, sde_means_model
 
 BUTTERWORTH = float(np.sqrt(0.5))
 """Damping of a maximally flat second-order low-pass."""
+_TONE_BLOCK = 256
 
 
 @dataclass(frozen=True)
@@ -328,11 +329,21 @@ class Sinusoid:
     ) -> np.ndarray:
         return self.sample(rng, shape, dt * block)
 
-    def at_phase(self, phase: np.ndarray, n: int, dt: float) -> np.ndarray:
-        """The interval means at given phases: phase (*S) in rad -> (*S, n)."""
-        middle = (np.arange(n) + 0.5) * dt
-        wave = np.sin(2 * np.pi * self.f * middle + np.asarray(phase)[..., None])
-        return self.amplitude * np.sinc(self.f * dt) * wave
+    def at_phase(
+        self, phase: np.ndarray, n: int, dt: float, dtype: type = np.float64
+    ) -> np.ndarray:
+        """The interval means at given phases: phase (*S) in rad -> (*S, n), of this dtype.
+
+        By blocks, within which sin(a + b) = sin a cos b + cos a sin b: few sines are taken.
+        """
+        size = min(n, _TONE_BLOCK)
+        step, blocks = 2 * np.pi * self.f * dt, -(-n // size)
+        a = np.asarray(phase)[..., None] + step * (np.arange(blocks) * size + 0.5)
+        b = step * np.arange(size)
+        starts = self.amplitude * np.sinc(self.f * dt) * np.stack([np.sin(a), np.cos(a)], axis=-1)
+        within = np.stack([np.cos(b), np.sin(b)])
+        wave: np.ndarray = starts.astype(dtype) @ within.astype(dtype)  # (*S, blocks, size)
+        return wave.reshape(*np.shape(phase), blocks * size)[..., :n]
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
         x = self.f * np.asarray(tau, dtype=float)
