@@ -237,11 +237,15 @@ def make_shard(
 ) -> None:
     """Make a shard of a dataset that was started: a worker's task. `tick` hears each recording."""
     dataset = store.Dataset.open(path)
-    rows = []
-    for row in _recordings(config, _Sensor.of(config), dataset.layout.rows(shard)):
-        rows.append(row)
+    rows = dataset.layout.rows(shard)
+    batch: dict[str, np.ndarray] = {}
+    for at, recording in enumerate(_recordings(config, _Sensor.of(config), rows)):
+        for name, value in recording.items():
+            if name not in batch:
+                batch[name] = dataset.layout.room(name, len(rows), value.shape)
+            batch[name][at] = value
         tick()
-    dataset.write_shard(shard, {n: np.stack([r[n] for r in rows]) for n in rows[0]})
+    dataset.write_shard(shard, batch)
 
 
 def _out(config: GenerateConfig) -> Path | str:

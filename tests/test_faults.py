@@ -15,11 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zarr
 from corruption import KINDS, flip
 from helpers import ROOT, generate
 
-from lbgc.data import manifest, store
+from lbgc.data import manifest, place, store
 from lbgc.data.documents import DOCUMENTS, Layout, documents
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.store import Dataset
@@ -267,14 +266,14 @@ def test_an_interruption_inside_a_callback_is_not_lost(monkeypatch, capsys):
 
 
 def test_a_full_disk_is_named_and_what_is_finished_stays(cli, tmp_path, monkeypatch, digest):
-    put = zarr.storage._local._put
+    put = place.write_atomically
 
-    def full(path, value, exclusive=False):
+    def full(path, content):
         if path.parts[-4:] == ("c", "1", "0", "0"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return put(path, value, exclusive)
+        put(path, content)
 
-    monkeypatch.setattr(zarr.storage._local, "_put", full)
+    monkeypatch.setattr(place, "write_atomically", full)
     done = cli("sim.generate", *SIZE)
     assert done.code == 2
     assert "cannot be written (No space left on device); what is finished stays good" in done.err

@@ -163,3 +163,25 @@ def test_shards_do_not_depend_on_how_many_recordings_there_are():
     assert means == [512] * 3
     assert Layout(80, 144_000, 600.0, {}).shards == 5
     assert list(Layout(80, 144_000, 600.0, {}).rows(4)) == list(range(64, 80))
+
+
+@pytest.mark.parametrize(("samples", "recordings"), [(40, 600), (2000, 600), (30_000, 17)])
+def test_a_shards_files_are_zarrs_own(tmp_path, samples, recordings):
+    """To the byte: chunks in shards or alone, the last shard with fewer recordings and chunks."""
+    layout = Layout(recordings, samples, 2.0, {"gyro": 1e-6, "accel": None})
+    assert layout.shards == 2
+    ours, theirs = (store.create(tmp_path / n, layout, {"a": 1}, {}) for n in ("a", "b"))
+    group = zarr.open_group(theirs.path, mode="r+")
+    for shard in range(2):
+        values, rows = batch(layout, shard), layout.rows(shard)
+        ours.write_shard(shard, values)
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            for name, value in values.items():
+                group[name][rows.start : rows.stop] = value
+    for name in VARIABLES:
+        for file in (theirs.path / name / "c").rglob("*"):
+            if file.is_file():
+                same = ours.path / file.relative_to(theirs.path)
+                assert same.read_bytes() == file.read_bytes(), file
+    assert ours.digest() == theirs.digest()
+    assert ours.unfinished_shards() == []

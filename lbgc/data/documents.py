@@ -12,7 +12,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
 from zarr.storage import MemoryStore
 
-from lbgc.data.schema import AXES, RECORDED, VARIABLES, Variable
+from lbgc.data.schema import AXES, RECORDED, VARIABLES
 
 _SHARD_BYTES = 64e6
 _SHARD_RECORDINGS = 16
@@ -49,6 +49,26 @@ class Layout:
     def shards(self) -> int:
         return -(-self.recordings // self.shard)
 
+    def chunk(self, name: str) -> int:
+        """Recordings a chunk of this variable: one, where it is large; else as many as make a few
+        megabytes; what is small has one chunk a shard."""
+        if VARIABLES[name].dims != RECORDED:
+            return self.shard
+        most = max(1, int(_CHUNK_BYTES // (12 * self.samples))) if self.shard > 16 else 1
+        return next(size for size in range(most, 0, -1) if self.shard % size == 0)
+
+    def dtype(self, name: str) -> np.dtype:
+        """As it is stored."""
+        scale = self.scales.get(name)
+        return np.dtype(VARIABLES[name].dtype or ("float32" if scale is None else "int32"))
+
+    def room(self, name: str, recordings: int, each: tuple[int, ...]) -> np.ndarray:
+        """An empty array for this variable of so many recordings, in memory as it is stored: what is
+        (recording, time, axis) axis by axis."""
+        if VARIABLES[name].dims == RECORDED:
+            return np.empty((recordings, *each[::-1]), self.dtype(name)).swapaxes(1, 2)
+        return np.empty((recordings, *each), self.dtype(name))
+
     def rows(self, shard: int) -> range:
         """The recordings of a shard."""
         return range(shard * self.shard, min((shard + 1) * self.shard, self.recordings))
@@ -74,30 +94,14 @@ def documents(layout: Layout, attributes: Mapping) -> dict[str, bytes]:
             attributes={"long_name": long_name},
         )
     sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
-    for name, variable in VARIABLES.items():
-        _create_array(root, name, variable, layout, sizes)
+    for name in VARIABLES:
+        _create_array(root, name, layout, sizes)
     _create_coordinates(root, layout)
     return {name: files[name].to_bytes() for name in DOCUMENTS}
 
 
-def grid(
-    variable: Variable, layout: Layout, shape: tuple[int, ...]
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Shapes of what one file holds and of what is compressed together."""
-    shard = (layout.shard, *shape[1:])
-    if variable.dims != RECORDED:
-        return shard, shard
-    per_chunk = max(1, int(_CHUNK_BYTES // (12 * layout.samples))) if layout.shard > 16 else 1
-    while layout.shard % per_chunk:
-        per_chunk -= 1
-    return shard, (per_chunk, *shape[1:])
-
-
-def _create_array(
-    root: zarr.Group, name: str, variable: Variable, layout: Layout, sizes: Mapping[str, int]
-) -> None:
-    scale = layout.scales.get(name)
-    dtype = variable.dtype or ("float32" if scale is None else "int32")
+def _create_array(root: zarr.Group, name: str, layout: Layout, sizes: Mapping[str, int]) -> None:
+    variable, scale = VARIABLES[name], layout.scales.get(name)
     attributes: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
     if scale is not None:
         attributes["scale_factor"] = scale
@@ -105,12 +109,13 @@ def _create_array(
         attributes["flag_values"] = list(range(len(variable.flags)))
         attributes["flag_meanings"] = " ".join(variable.flags)
     shape = tuple(sizes[d] for d in variable.dims)
-    shard, chunk = grid(variable, layout, shape)
+    shard = (layout.shard, *shape[1:])
+    chunk = (layout.chunk(name), *shape[1:])
     filters = [TransposeCodec(order=(0, 2, 1))] if variable.dims == RECORDED else []
     root.create_array(
         name=name,
         shape=shape,
-        dtype=dtype,
+        dtype=layout.dtype(name),
         chunks=chunk,
         shards=shard if chunk != shard else None,
         filters=filters,

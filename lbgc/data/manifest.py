@@ -8,7 +8,7 @@ stored. A flipped bit anywhere, or a file lost, cut short or taken from another 
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from lbgc.data.place import Place, is_partial
 from lbgc.data.schema import SCHEMA, VARIABLES
@@ -107,11 +107,14 @@ def shard_files(shard: int) -> list[str]:
     return [f"{n}/c/{shard}" + "/0" * (len(v.dims) - 1) for n, v in sorted(VARIABLES.items())]
 
 
-def stored_checksum(place: Place, identity: str, shard: int, digest: bytes) -> bytes:
-    """SHA-256 over whose a shard is, its decoded arrays' digest, and its files."""
+def stored_checksum(
+    identity: str, shard: int, digest: bytes, read: Callable[[str], bytes | None]
+) -> bytes:
+    """SHA-256 over whose a shard is, its decoded arrays' digest, and its files, as `read` has
+    them."""
     checksum = hashlib.sha256(f"{identity} {shard} ".encode() + digest)
     for name in shard_files(shard):
-        content = place.read(name)
+        content = read(name)
         size = -1 if content is None else len(content)
         checksum.update(f"{name} {size} ".encode())
         checksum.update(content or b"")

@@ -7,7 +7,7 @@ files being there, since a missing shard would read silently as zeros.
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -20,9 +20,10 @@ from zarr.storage import LocalStore
 
 from lbgc.data import codec, manifest
 from lbgc.data.documents import DOCUMENTS, Layout, documents
+from lbgc.data.encoding import encoded, with_checksum
 from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
-from lbgc.data.schema import SCHEMA, SPLITS, VARIABLES
+from lbgc.data.schema import RECORDED, SCHEMA, SPLITS, VARIABLES
 from lbgc.data.vetting import layout_of
 from lbgc.errors import InputError, reading, require
 from lbgc.outputs import fingerprint
@@ -96,6 +97,19 @@ def _group(place: Place, mode: Literal["r", "r+"]) -> zarr.Group:
 def damaged_documents(place: Place) -> list[str]:
     """The documents of a dataset that are not what its manifest says."""
     return manifest.damaged_documents(place, DOCUMENTS)
+
+
+def _digest(arrays: Iterable[tuple[str, np.ndarray]]) -> bytes:
+    """SHA-256 over decoded arrays, by name."""
+    digest = hashlib.sha256()
+    for name, values in sorted(arrays, key=lambda item: item[0]):
+        digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
+        if values.flags.c_contiguous:
+            digest.update(values.data)
+            continue
+        for recording in values:
+            digest.update(np.ascontiguousarray(recording).data)
+    return digest.digest()
 
 
 def some(names: Sequence) -> str:
@@ -209,37 +223,36 @@ class Dataset:
         return sorted(self.missing_shards() + self.damaged_shards())
 
     def _stored(self, shard: int, digest: np.ndarray) -> bytes:
-        return manifest.stored_checksum(self.place, self.identity, shard, digest.tobytes())
+        return manifest.stored_checksum(self.identity, shard, digest.tobytes(), self.place.read)
 
     def write_shard(self, shard: int, batch: Mapping[str, np.ndarray]) -> None:
         """Write all variables of a shard's recordings, then its checksums.
 
-        batch : name -> array whose first axis is the shard's recordings, for every variable.
+        batch : name -> array whose first axis is the shard's recordings, for every variable; fastest
+        where (recording, time, axis) lies axis by axis in memory, as it is stored.
         Raises InputError where it cannot be written.
         """
         missing = set(VARIABLES) ^ set(batch)
         assert not missing, f"a shard holds every variable and no other: {missing}"
-        rows = self.layout.rows(shard)
-        with writing(self.place), zarr.config.set({"array.write_empty_chunks": True}):
-            for name in manifest.shard_files(shard):
-                self.place.remove(name)  # else what is damaged would be read, to be completed
-            group = _group(self.place, "r+")
-            for name, values in batch.items():
-                group[name][rows.start : rows.stop] = values  # type: ignore[index]
-            digest = np.frombuffer(self._shard_digest(shard), np.uint8)
-            stored = np.frombuffer(self._stored(shard, digest), np.uint8)
-            group["manifest/digest"][shard] = digest  # type: ignore[index]
-            group["manifest/stored"][shard] = stored  # type: ignore[index]
+        layout, files = self.layout, {}
+        values = {n: v.astype(layout.dtype(n), copy=False) for n, v in batch.items()}
+        for name, file in zip(sorted(VARIABLES), manifest.shard_files(shard), strict=True):
+            by_axis = VARIABLES[name].dims == RECORDED
+            stored = values[name].swapaxes(1, 2) if by_axis else values[name]
+            files[file] = encoded(stored, layout.chunk(name), layout.shard)
+        digest = _digest(values.items())
+        stored_is = manifest.stored_checksum(self.identity, shard, digest, files.get)
+        with writing(self.place):
+            for file, content in files.items():
+                self.place.write(file, content)
+            for name, checksum in (("digest", digest), ("stored", stored_is)):
+                self.place.write(f"manifest/{name}/c/{shard}/0", with_checksum(checksum))
 
     def _shard_digest(self, shard: int) -> bytes:
-        """SHA-256 over the shard's decoded arrays, read back from the store."""
+        """SHA-256 over the shard's decoded arrays, read from the store."""
         rows = self.layout.rows(shard)
-        digest = hashlib.sha256()
-        for name in sorted(VARIABLES):
-            values = np.ascontiguousarray(self._read(name, rows.start, rows.stop))
-            digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
-            digest.update(values.data)
-        return digest.digest()
+        arrays = ((n, self._read(n, rows.start, rows.stop)) for n in sorted(VARIABLES))
+        return _digest(arrays)
 
     def digest(self) -> str:
         """The dataset's digest, computed anew from every decoded array."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from lbgc.data.documents import DOCUMENTS, Layout, grid
+from lbgc.data.documents import DOCUMENTS, Layout
 from lbgc.data.schema import VARIABLES
 
 _CODECS = {"transpose", "bytes", "blosc", "crc32c", "sharding_indexed"}
@@ -27,8 +27,8 @@ def layout_of(documents: Mapping[str, bytes]) -> Layout:
     sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
     for name, variable in VARIABLES.items():
         shape = tuple(sizes[d] for d in variable.dims)
-        kind = variable.dtype or ("float32" if layout.scales[name] is None else "int32")
-        shard, chunk = grid(variable, layout, shape)
+        kind = str(layout.dtype(name))
+        shard, chunk = (layout.shard, *shape[1:]), (layout.chunk(name), *shape[1:])
         stored = {"shape": list(shape), "data_type": kind, "dimension_names": list(variable.dims)}
         _check_array(name, said, stored, list(shard), list(chunk))
     return layout

@@ -1,0 +1,43 @@
+"""A shard's file of one variable, byte for byte as Zarr would write it.
+
+Zarr takes a millisecond an array, and a shard has sixty: as long as all the rest of a shard of
+means. What it writes is simple: each chunk compressed, a checksum behind it; where a file holds
+several chunks, an index of them at its end.
+"""
+
+import google_crc32c
+import numpy as np
+from numcodecs import Blosc
+
+CHECKSUM_BYTES = 4
+_ABSENT = np.uint64(2**64 - 1)
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Zarr's crc32c codec."""
+    return content + google_crc32c.value(content).to_bytes(CHECKSUM_BYTES, "little")
+
+
+def encoded(values: np.ndarray, chunk: int, whole: int) -> bytes:
+    """The file of a shard of `whole` recordings, in chunks of so many.
+
+    values : (recordings, ...), of the stored dtype, fewer than `whole` in the last shard; in the
+    order of axes that is stored. What is missing of a chunk is filled with zeros.
+    """
+    blosc = Blosc("zstd", 1, Blosc.BITSHUFFLE, typesize=values.dtype.itemsize)
+    chunks = []
+    for first in range(0, len(values), chunk):
+        part = values[first : first + chunk]
+        if len(part) < chunk:
+            part = np.concatenate(
+                [part, np.zeros((chunk - len(part), *part.shape[1:]), part.dtype)]
+            )
+        chunks.append(with_checksum(blosc.encode(np.ascontiguousarray(part))))
+    if chunk == whole:
+        (only,) = chunks
+        return only
+    index = np.full((whole // chunk, 2), _ABSENT)
+    sizes = np.array([len(c) for c in chunks], np.uint64)
+    index[: len(chunks), 0] = np.cumsum(sizes) - sizes
+    index[: len(chunks), 1] = sizes
+    return b"".join(chunks) + with_checksum(index.astype("<u8").tobytes())
