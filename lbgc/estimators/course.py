@@ -144,12 +144,14 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     tilt = tilt_of(angle, accel)
     data = np.concatenate([_turned_level(v, angle, tilt) for v in (gyro, accel)], axis=1)
     lean = np.arccos(np.clip(tilt[:, 2, 2], -1, 1))
-    alike = np.column_stack([windows.start_s, windows.latitude, angle.round(9)])
-    courses, own = np.unique(alike, axis=0, return_inverse=True)
+    alike = np.column_stack([windows.start_s, windows.latitude, angle.round(9)]) + 0.0  # no -0.0
+    own: dict[bytes, list[int]] = {}
+    for number, row in enumerate(alike):
+        own.setdefault(row.tobytes(), []).append(number)
     groups: dict[tuple[Course, float], list[int]] = {}
-    for number, (start_s, latitude, *turns) in enumerate(courses):
+    for rows in own.values():
+        start_s, latitude, *turns = alike[rows[0]]
         course = Course.planned(np.array(turns), interval, float(start_s))
-        rows = np.flatnonzero(own == number)
         groups.setdefault((course, float(latitude)), []).extend(rows)
     return [
         Levelled(c, Site.at(latitude), np.array(rows), data[rows][:, :, list(c.blocks)], lean[rows])
@@ -182,14 +184,13 @@ def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
     """From the base's axes to level ones, (W, 3, 3).
 
     angle : (W, n), rad, the plate's; accel : (W, n, 3), specific force in the body's axes."""
-    x, y, z = (_to_base(accel, angle)[..., i].mean(axis=1) for i in (0, 1, 2))
-    return euler_to_matrix(*level(np.stack([x, y, z], axis=-1)), 0.0)
+    return euler_to_matrix(*level(_to_base(accel, angle).mean(axis=1)), 0.0)
 
 
 def _to_base(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Body axes to the base's, about the plate's: (W, n, 3)."""
     c, s = np.cos(angle), np.sin(angle)
-    x, y, z = np.moveaxis(values, -1, 0)
+    x, y, z = values[..., 0], values[..., 1], values[..., 2]
     return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
 
 

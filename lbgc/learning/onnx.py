@@ -58,18 +58,21 @@ def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
     file.write_bytes(seal(model.SerializeToString()))
 
 
-def load(file: str | Path) -> Learned:
-    """An exported network as an estimator, run by ONNX Runtime. Raises InputError."""
+def load(file: str | Path, threads: int = 0) -> Learned:
+    """An exported network as an estimator, run by ONNX Runtime on so many threads; 0: as many as
+    it thinks best. Raises InputError."""
     runtime = _needed("onnxruntime")
     if not Path(file).is_file():
         raise InputError("file", file, "", "is not there; python lbgc/export.py run=RUN makes one")
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = threads
     with reading("file", file, "holds no model of lbgc's"):
         content = Path(file).read_bytes()
         # Before ONNX Runtime sees any of it: the protocol buffer's tag of a value, its length, it.
         own = _OWN.search(content)
         if own is None or not is_sealed(content, own[1].decode()):
             raise ValueError("it is not as python lbgc/export.py wrote it")
-        session = runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
+        session = runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         said = json.loads(session.get_modelmeta().custom_metadata_map[_SAID])
 
     def compute(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

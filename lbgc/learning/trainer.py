@@ -2,7 +2,9 @@
 
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,6 +71,8 @@ class Trainer:
         self.smoothed: float | None = None
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] = copy.deepcopy(self.net.state_dict())
+        self._thread: ThreadPoolExecutor | None = None
+        self._ahead: tuple[int, Future[tuple[Tensor, Tensor]]] | None = None
 
     def run(self, file: Path, on_look: Callable[[list[dict[str, float]]], None]) -> None:
         """Train to the end, from the checkpoint if there is one at `file`.
@@ -77,7 +81,8 @@ class Trainer:
         """
         if file.exists():
             self._restore(file)
-        with tqdm(total=self.plan.steps, initial=self.step, desc="training", unit="step") as bar:
+        progress = tqdm(total=self.plan.steps, initial=self.step, desc="training", unit="step")
+        with progress as bar, self.drawing_ahead():
             while not self._finished():
                 self.step += 1
                 value = self._train()
@@ -110,10 +115,31 @@ class Trainer:
         best = self.history[self._best_look()]["all"]
         return f"validation {row['all']:.3g} deg, best {best:.3g}"
 
-    def _train(self) -> float:
-        rng = streams.training(self.plan.seed, self.step)
+    @contextmanager
+    def drawing_ahead(self) -> Iterator[None]:
+        """Meanwhile a thread draws each step's batch while the step before it is taken. A step's
+        numbers are its own, so nothing else changes."""
+        with ThreadPoolExecutor(1) as self._thread:
+            yield
+        self._thread = self._ahead = None
+
+    def batch(self) -> tuple[Tensor, Tensor]:
+        """Input and target of this step."""
+        if self._ahead is not None and self._ahead[0] == self.step:
+            drawn = self._ahead[1].result()
+        else:
+            drawn = self._draw(self.step)
+        if self._thread is not None and self.step < self.plan.steps:
+            self._ahead = self.step + 1, self._thread.submit(self._draw, self.step + 1)
+        return drawn
+
+    def _draw(self, step: int) -> tuple[Tensor, Tensor]:
+        rng = streams.training(self.plan.seed, step)
         length = self.plan.windows_steps[float(rng.choice(list(self.plan.windows_steps)))]
-        x, truth_deg = self._tensors(self.source.draw(rng, self.plan.batch, length))
+        return self._tensors(self.source.draw(rng, self.plan.batch, length))
+
+    def _train(self) -> float:
+        x, truth_deg = self.batch()
         self.net.train()
         value = _loss(self.net, self.net(x), truth_deg)
         self.optimiser.zero_grad()
