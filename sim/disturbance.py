@@ -7,10 +7,12 @@ frame A of `sim.kinematics` (North-East-Down turned by the base's azimuth: forwa
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from lbgc.errors import Spread, require, require_not_negative, require_positive, require_spread
+from lbgc.sensor import streams
 from lbgc.units import factor
 
 _WAVES = 32  # sinusoids that make a sea; their sum is Gaussian to a percent of its kurtosis
@@ -274,17 +276,30 @@ class FloorConfig:
     tilting: TiltingConfig = field(default_factory=TiltingConfig)
     moored: MooredConfig = field(default_factory=MooredConfig)
 
+    @property
+    def moves(self) -> bool:
+        """Whether any of them is on."""
+        return any(part.is_on for part in self._parts)
+
     def draw(self, rng: np.random.Generator, duration_s: float) -> "Floor":
         """Each from a stream of its own, so that one does not change the others' numbers."""
         one, two, three, four = rng.spawn(4)
-        parts = (self.vibration, self.knocks, self.tilting, self.moored)
         return Floor(
             self.vibration.draw(one, duration_s),
             self.knocks.draw(two, duration_s),
             self.tilting.draw(three, duration_s),
             self.moored.draw(four, duration_s),
-            moving=tuple(part.is_on for part in parts),
+            moving=tuple(part.is_on for part in self._parts),
         )
+
+    @property
+    def _parts(self) -> tuple[VibrationConfig, KnocksConfig, TiltingConfig, MooredConfig]:
+        return self.vibration, self.knocks, self.tilting, self.moored
+
+    @cached_property
+    def still(self) -> "Floor":
+        """Where none is on: its numbers say nothing, whatever they are."""
+        return self.draw(streams.figures(), 1.0)
 
 
 @dataclass(frozen=True)
@@ -318,6 +333,10 @@ class Floor:
 
     def values(self) -> dict[str, float | np.ndarray | int]:
         """What was drawn, as the dataset stores it; zero where it is off."""
+        return self._values
+
+    @cached_property
+    def _values(self) -> dict[str, float | np.ndarray | int]:
         v, k, t, m = self.parts
         on = dict(zip(("vibration", "knocks", "tilting", "moored"), self.moving, strict=True))
         values: dict[str, tuple[str, float | np.ndarray | int]] = {

@@ -4,10 +4,9 @@ python sim/generate.py latitude=32.76
 """
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from math import gcd
 from pathlib import Path
 
 import mujoco
@@ -19,22 +18,18 @@ import lbgc
 from lbgc.data import store
 from lbgc.data.place import Place
 from lbgc.data.record import whole_multiple
-from lbgc.data.schema import SCHEMA
+from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require, require_choice, require_positive, run_main
-from lbgc.frames import wrap
 from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import ProtocolConfig, plan
-from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
-from lbgc.sensor.imu import Disturbance, Timing, Triad, TriadErrors
-from lbgc.sensor.streams import Purpose
-from sim import cluster, motion
+from sim import cluster
 from sim.cluster import ClusterConfig
-from sim.motion import Draw, Truth
 from sim.physics import check_servo
 from sim.picture import try_picture
 from sim.poses import Bench
+from sim.recordings import Sensor, batches
 from sim.scene import SceneConfig
 
 
@@ -152,41 +147,9 @@ class GenerateConfig:
         return content
 
 
-@dataclass(frozen=True)
-class _Sensor:
-    """Both triads, and which kind of values the dataset stores."""
-
-    gyro: Triad
-    accel: Triad
-    timing: Timing
-    config: GenerateConfig
-
-    @classmethod
-    def of(cls, config: GenerateConfig) -> "_Sensor":
-        imu = config.imu
-        return cls(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
-
-    def measure(
-        self,
-        triad: Triad,
-        rng: np.random.Generator,
-        truth: np.ndarray,
-        errors: TriadErrors,
-        force: np.ndarray | None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What is stored (3, n), and which of it was at its range, (n,)."""
-        n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
-        disturbance = Disturbance(force, **vars(self.config.imu.temperature))
-        if self.config.output == "means":
-            block = self.config.block
-            means = triad.measure_means(rng, truth, errors, n, dt, block, disturbance)
-            return means, np.zeros(n, bool)
-        return triad.measure(rng, truth, errors, n, dt, disturbance)
-
-
 def main(config: GenerateConfig) -> Path | str:
     """Generate the dataset (or what is missing or damaged of it) and return where it is."""
-    sensor = _Sensor.of(config)
+    sensor = Sensor.of(config)
     latitude = float(np.deg2rad(config.latitude))
     planned = plan(config.protocol, 0, config.duration_s)
     check_servo(config.scene, planned)
@@ -216,7 +179,7 @@ def main(config: GenerateConfig) -> Path | str:
     return place.local
 
 
-def _generate(config: GenerateConfig, place: Place, sensor: _Sensor) -> None:
+def _generate(config: GenerateConfig, place: Place, sensor: Sensor) -> None:
     """Every shard that the dataset there lacks, and those that are damaged."""
     where = str(place.local.resolve() if place.local else place)
     dataset = store.create(where, _layout(config, sensor), config.content(), _recipe())
@@ -238,13 +201,15 @@ def make_shard(
     """Make a shard of a dataset that was started: a worker's task. `tick` hears each recording."""
     dataset = store.Dataset.open(path)
     rows = dataset.layout.rows(shard)
-    batch: dict[str, np.ndarray] = {}
-    for at, recording in enumerate(_recordings(config, _Sensor.of(config), rows)):
-        for name, value in recording.items():
-            if name not in batch:
-                batch[name] = dataset.layout.room(name, len(rows), value.shape)
-            batch[name][at] = value
-        tick()
+    batch = {name: dataset.layout.room(name, len(rows)) for name in VARIABLES}
+    at = 0
+    for part in batches(config, Sensor.of(config), rows):
+        count = len(part["heading"])
+        for name, values in part.items():
+            batch[name][at : at + count] = values
+        at += count
+        for _ in range(count):
+            tick()
     dataset.write_shard(shard, batch)
 
 
@@ -259,7 +224,7 @@ def _out(config: GenerateConfig) -> Path | str:
     return config.out
 
 
-def _layout(config: GenerateConfig, sensor: _Sensor) -> store.Layout:
+def _layout(config: GenerateConfig, sensor: Sensor) -> store.Layout:
     as_counts = config.output == "samples"
     return store.Layout(
         recordings=config.recordings,
@@ -281,111 +246,6 @@ def _recipe() -> dict:
             "zarr": zarr.__version__,
         }
     }
-
-
-def _recordings(
-    config: GenerateConfig, sensor: _Sensor, rows: Sequence[int]
-) -> Iterator[dict[str, np.ndarray]]:
-    """All variables of these recordings, each of which depends on the configuration and on its own
-    number alone."""
-    latitude = float(np.deg2rad(config.latitude))
-    plans = [plan(config.protocol, i, config.duration_s) for i in rows]
-    labels = [streams.recording(config.seed, i, Purpose.LABELS) for i in rows]
-    draws = [
-        motion.draw(
-            config.scene,
-            planned.azimuth_range * (own.uniform() - 0.5),
-            streams.recording(config.seed, i, Purpose.MOTION),
-            config.duration_s,
-        )
-        for i, planned, own in zip(rows, plans, labels, strict=True)
-    ]
-    threads = config.cluster.threads
-    means = config.imu.model(config.rate_hz).averages_motion
-    truths = motion.truths(
-        config.bench, plans, latitude, draws, threads, config.height_m, config.block, not means
-    )
-    for i, truth, drawn, own in zip(rows, truths, draws, labels, strict=True):
-        reference_error = np.deg2rad(config.scene.reference_error_deg) * own.standard_normal()
-        values = _measured(config, sensor, i, truth) | _moved(config, truth, drawn)
-        values |= {
-            "heading": truth.heading,
-            "heading_reference": float(wrap(truth.heading_control + reference_error - np.pi)),
-            "latitude": latitude,
-            "split": _split(config, i, *_lifetimes(config, i)),
-        }
-        yield {name: np.asarray(value) for name, value in values.items()}
-
-
-def _lifetimes(config: GenerateConfig, i: int) -> tuple[int, int]:
-    """Unit and session of a recording."""
-    return i % config.units, (i // config.units) % config.sessions
-
-
-def _measured(
-    config: GenerateConfig, sensor: _Sensor, i: int, truth: Truth
-) -> dict[str, np.ndarray | float | int]:
-    """What the sensors print of recording i, and what was drawn of their errors."""
-    unit, session = _lifetimes(config, i)
-    of_unit = streams.unit(config.unit_seed, unit)
-    of_session = streams.session(config.unit_seed, unit, session)
-    n = config.samples // config.block
-    timing = streams.recording(config.seed, i, Purpose.TIMING)
-    time_error, lost = sensor.timing.draw(timing, n, 1 / config.rate_hz)
-    values: dict[str, np.ndarray | float | int] = {
-        "time_error": time_error,
-        "lost": lost,
-        "unit": unit,
-        "session": session,
-    }
-    for name, triad, purpose, feels, disturbed_by in (
-        ("gyro", sensor.gyro, Purpose.GYRO, truth.omega_ib_b, truth.f_ib_b),
-        ("accel", sensor.accel, Purpose.ACCEL, truth.f_ib_b, None),
-    ):
-        rng = streams.recording(config.seed, i, purpose)
-        errors = triad.draw_run(rng, triad.draw_unit(of_unit), triad.draw_session(of_session))
-        # Kept axis by axis in memory, as the store keeps it; logically (time, axis).
-        printed, saturated = sensor.measure(triad, rng, feels, errors, disturbed_by)
-        values[name], values[f"{name}_saturated"] = Timing.held(printed, lost).T, saturated
-        values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
-    return values
-
-
-def _moved(
-    config: GenerateConfig, truth: Truth, drawn: Draw
-) -> dict[str, np.ndarray | float | int]:
-    """What the bench did in a recording, and what was drawn of it."""
-    n = config.samples // config.block
-    return {
-        "plate_angle": truth.plate_angle,
-        "stage": truth.stage,
-        "attitude": np.broadcast_to(truth.attitude, (n, 3)),
-        "roll": truth.roll,
-        "pitch": truth.pitch,
-        "settling_time": truth.settling_s,
-        "base_azimuth": drawn.azimuth,
-        "base_roll": drawn.roll,
-        "base_pitch": drawn.pitch,
-        "sway_level": drawn.sway_level,
-        **drawn.floor.values(),
-    }
-
-
-def _split(config: GenerateConfig, recording: int, unit: int, session: int) -> int:
-    """Which part a recording belongs to, whatever else is in the dataset.
-
-    What is split by is dealt in blocks whose size is the sum of the shares (10 for 70:10:20), each
-    block in an order of its own, so that whole blocks hold the shares exactly.
-    """
-    index = {
-        "recording": recording,
-        "session": session * config.units + unit,
-        "unit": unit,
-    }[config.split_by]
-    shares = np.array(config.split) // gcd(*config.split)
-    block, place = divmod(index, int(shares.sum()))
-    order = streams.split(config.seed, block).permutation(int(shares.sum()))
-    return int(np.searchsorted(np.cumsum(shares), order[place], side="right"))
 
 
 if __name__ == "__main__":

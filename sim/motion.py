@@ -9,15 +9,16 @@ What is felt is linear in the motion, so its means are taken of the motion, once
 each recording's samples.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotation_z, wrap
 from lbgc.protocol import REST, SETTLE, SLEW, Plan
+from lbgc.sensor import streams
 from sim import kinematics, sway
 from sim.disturbance import Floor, pick
 from sim.kinematics import Felt
@@ -26,6 +27,7 @@ from sim.poses import Bench, Executed
 from sim.scene import SceneConfig
 
 _POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
+_TOGETHER, _TOGETHER_VALUES = 64, 1e5  # recordings worked out at once, and values of each axis
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,8 @@ class Draw:
     """rad, of the base"""
     floor: Floor
     sway_level: float
-    sway: np.random.Generator
-    """Of the forces that sway the base"""
+    sway: np.random.Generator | None
+    """Of the forces that sway the base, if any do"""
 
     @property
     def level(self) -> np.ndarray:
@@ -49,20 +51,31 @@ class Draw:
         return euler_to_matrix(self.roll, self.pitch, 0.0)
 
 
-def draw(scene: SceneConfig, azimuth: float, rng: np.random.Generator, duration_s: float) -> Draw:
-    """From the recording's own stream, which nothing else draws from. azimuth : rad, of the base
-    where the scene does not fix it."""
-    base, floor, level, forces = rng.spawn(4)
-    roll, pitch = scene.level_error_deg * base.standard_normal(2)
+def draw(
+    scene: SceneConfig,
+    azimuth: float,
+    stream: Callable[[], np.random.Generator],
+    duration_s: float,
+) -> Draw:
+    """From the recording's own stream, which nothing else draws from, and which is only begun where
+    anything is drawn. azimuth : rad, of the base where the scene does not fix it."""
+    base, floor, level, forces = (partial(_child, stream, k) for k in range(4))
+    roll = pitch = 0.0
+    if scene.level_error_deg > 0:
+        roll, pitch = scene.level_error_deg * base().standard_normal(2)
     fixed = scene.base_azimuth_deg
     return Draw(
         azimuth=azimuth if fixed is None else float(np.deg2rad(fixed)),
         roll=float(np.deg2rad(scene.base_roll_deg + roll)),
         pitch=float(np.deg2rad(scene.base_pitch_deg + pitch)),
-        floor=scene.floor.draw(floor, duration_s),
-        sway_level=pick(level, scene.sway.level),
-        sway=forces,
+        floor=scene.floor.draw(floor(), duration_s) if scene.floor.moves else scene.floor.still,
+        sway_level=pick(level(), scene.sway.level) if scene.sway.present else 0.0,
+        sway=forces() if scene.sway.present else None,
     )
+
+
+def _child(stream: Callable[[], np.random.Generator], number: int) -> np.random.Generator:
+    return streams.child(stream(), number)
 
 
 @dataclass(frozen=True)
@@ -117,24 +130,23 @@ def truths(
     force take none, since the sensor is not linear."""
     gravity = normal_gravity(latitude, height)
     felt_block = 1 if every_sample else block
+    if not bench.scene.sway.present and not bench.scene.floor.moves:
+        yield from _rigid(bench, gravity, plans, latitude, draws, block, felt_block)
+        return
     for drawn, executed in _executed(bench, gravity, plans, draws, threads):
         start, control = _at_start(executed, drawn)
-        if bench.scene.sway.present or any(drawn.floor.moving):
-            every, ends = _on_moving_floor(executed, drawn)
-            felt, level = every.averaged(felt_block), np.eye(3)
-            attitude = _attitude(ends, start, executed, block)
-        else:
-            felt, level = _felt(executed, felt_block), drawn.level
-            attitude = _rigid_attitude(executed, (drawn.roll, drawn.pitch), block)
+        every, ends = _on_moving_floor(executed, drawn)
+        felt = every.averaged(felt_block)
         to_n = rotation_z(drawn.azimuth)
         earth, down = to_n.T @ earth_rate_ned(latitude), np.array([0.0, 0.0, gravity])
         roll, pitch, heading = (float(a) for a in matrix_to_euler(to_n @ start))
+        plate_angle, stage = _course(executed, block)
         yield Truth(
-            omega_ib_b=felt.omega(level.T @ earth),
-            f_ib_b=felt.force(level.T @ earth, level.T @ down),
-            plate_angle=executed.encoder.reshape(-1, block).mean(axis=1),
-            stage=_stage(executed.stage.reshape(-1, block)),
-            attitude=attitude,
+            omega_ib_b=felt.omega(earth),
+            f_ib_b=felt.force(earth, down),
+            plate_angle=plate_angle,
+            stage=stage,
+            attitude=_attitude(ends, start, executed, block),
             heading=heading,
             heading_control=float(matrix_to_euler(to_n @ control)[2]),
             roll=roll,
@@ -143,10 +155,100 @@ def truths(
         )
 
 
+def _rigid(
+    bench: Bench,
+    gravity: float,
+    plans: Sequence[Plan],
+    latitude: float,
+    draws: Sequence[Draw],
+    block: int,
+    felt_block: int,
+) -> Iterator[Truth]:
+    """On bases that do not move: some recordings at a time, all that one execution of a plan serves
+    together. Each is worked out by itself, to the bit, whatever others there are."""
+    resting: dict[Plan, Executed] = {}
+    size = max(1, min(_TOGETHER, int(_TOGETHER_VALUES // (bench.samples // felt_block))))
+    for first in range(0, len(plans), size):
+        groups: dict[Executed | None, list[tuple[int, Executed]]] = {}
+        for at, planned in enumerate(plans[first : first + size]):
+            executed = resting.get(planned) or execute(bench, gravity, planned)
+            if not executed.moves:
+                resting[planned] = executed
+            groups.setdefault(executed if executed.moves else None, []).append((at, executed))
+        found: dict[int, Truth] = {}
+        for members in groups.values():
+            own = [draws[first + at] for at, _ in members]
+            alike = [executed for _, executed in members]
+            made = _rigid_truths(alike, own, latitude, gravity, block, felt_block)
+            found |= zip((at for at, _ in members), made, strict=True)
+        yield from (found[at] for at in range(len(found)))
+
+
+def _rigid_truths(
+    executed: Sequence[Executed],
+    draws: Sequence[Draw],
+    latitude: float,
+    gravity: float,
+    block: int,
+    felt_block: int,
+) -> Iterator[Truth]:
+    """executed : one for all, or of plates that rest, each its own."""
+    one = executed[:1] if executed[0].moves else executed
+    felt = [_felt(e, felt_block) if e.moves else e.felt for e in one]
+    roll, pitch = np.array([(d.roll, d.pitch) for d in draws]).T
+    level = euler_to_matrix(roll, pitch, 0.0)  # (R, 3, 3), as all that follows
+    to_n = rotation_z(np.array([d.azimuth for d in draws]))
+    earth, down = earth_rate_ned(latitude) @ (to_n @ level), gravity * level[:, 2]  # (R, 3), in A
+    omega = np.stack([f.rate.T for f in felt]) + _in_body(felt, earth)
+    force = np.stack([f.acceleration.T for f in felt]) - _in_body(felt, down)
+    if executed[0].moves:
+        force += np.stack([(felt[0].coriolis @ e).T for e in earth])
+    start = np.stack([e.start for e in one])
+    now = to_n @ level @ start
+    angles = np.stack(matrix_to_euler(now), axis=-1)
+    control = matrix_to_euler(to_n @ level @ np.stack([e.control for e in one]))[2]
+    attitude = angles[:, None] * [1.0, 1.0, 0.0]  # at rest it stays as it was
+    for r, (own, drawn) in enumerate(zip(executed, draws, strict=True)):
+        plate_angle, stage = _course(own, block)
+        lean = drawn.roll, drawn.pitch
+        yield Truth(
+            omega_ib_b=omega[r],
+            f_ib_b=force[r],
+            plate_angle=plate_angle,
+            stage=stage,
+            attitude=_rigid_attitude(own, lean, block) if own.moves else attitude[r],
+            heading=float(angles[r, 2]),
+            heading_control=float(control[r]),
+            roll=float(angles[r, 0]),
+            pitch=float(angles[r, 1]),
+            settling_s=own.settling_s,
+        )
+
+
+def _in_body(felt: Sequence[Felt], vectors: np.ndarray) -> np.ndarray:
+    """Vectors (R, 3) of A in the body that turns in it: (R, 3, n)."""
+    turned = np.stack([f.attitude.transpose(2, 0, 1) for f in felt])  # (R or 1, 3, n, 3)
+    return (turned @ vectors[:, None, :, None])[..., 0]
+
+
 @lru_cache(maxsize=4)
 def _felt(executed: Executed, block: int) -> Felt:
     """On a rigid base."""
     return executed.felt.averaged(block)
+
+
+def _course(executed: Executed, block: int) -> tuple[np.ndarray, np.ndarray]:
+    """The plate's angle as it is read, rad, and the stage, of blocks, (n,) each."""
+    if not executed.moves:
+        n = executed.bench.samples // block
+        return np.broadcast_to(0.0, n), np.broadcast_to(np.int8(REST), n)
+    return _moving_course(executed, block)
+
+
+@lru_cache(maxsize=4)
+def _moving_course(executed: Executed, block: int) -> tuple[np.ndarray, np.ndarray]:
+    angle = executed.encoder.reshape(-1, block).mean(axis=1)
+    return angle, _stage(executed.stage.reshape(-1, block))
 
 
 def _stage(samples: np.ndarray) -> np.ndarray:
@@ -168,7 +270,9 @@ def _executed(
     for first in range(0, len(plans), batch):
         own = draws[first : first + batch]
         forces = [
-            d.sway_level * sway.forces(bench.scene.sway, d.sway, steps, bench.step) for d in own
+            d.sway_level * sway.forces(bench.scene.sway, d.sway, steps, bench.step)
+            for d in own
+            if d.sway is not None
         ]
         some, levels = plans[first : first + batch], [d.level for d in own]
         executed = execute_swaying(bench, gravity, some, levels, forces, threads)

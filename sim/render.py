@@ -84,7 +84,9 @@ def _film(config: ViewConfig, out: Path) -> None:
     from lbgc.report.figures import strips
 
     bench = Bench(config.scene, _RATE_HZ, round(config.duration_s * _RATE_HZ))
-    drawn = motion.draw(config.scene, 0.0, recording(1, 0, Purpose.MOTION), config.duration_s)
+    drawn = motion.draw(
+        config.scene, 0.0, lambda: recording(1, 0, Purpose.MOTION), config.duration_s
+    )
     latitude = float(np.deg2rad(config.latitude))
     truth = motion.truth(bench, config.plan, latitude, drawn)
     t = np.arange(1, bench.samples + 1) / _RATE_HZ

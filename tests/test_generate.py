@@ -7,6 +7,7 @@ import pytest
 from helpers import default_config, generate
 
 import sim.generate
+import sim.recordings
 from lbgc.data.schema import VARIABLES
 from lbgc.data.store import Dataset
 from lbgc.data.windows import cut
@@ -22,17 +23,17 @@ SMALL = {"recordings": 20, "rate_hz": 50.0, "duration_s": 20.0}
 
 
 def recording(config: GenerateConfig, i: int) -> dict[str, np.ndarray]:
-    return next(sim.generate._recordings(config, sensor(config), [i]))
+    return next(sim.recordings.recordings(config, sensor(config), [i]))
 
 
 def recordings(config: GenerateConfig, count: int) -> list[dict[str, np.ndarray]]:
     """The first ones, made together, as a shard's are: no number depends on that."""
-    return list(sim.generate._recordings(config, sensor(config), range(count)))
+    return list(sim.recordings.recordings(config, sensor(config), range(count)))
 
 
-def sensor(config: GenerateConfig) -> sim.generate._Sensor:
+def sensor(config: GenerateConfig) -> sim.recordings.Sensor:
     imu = config.imu
-    return sim.generate._Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
+    return sim.recordings.Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
 
 
 @pytest.fixture(scope="module")
@@ -305,7 +306,7 @@ def test_means_of_a_moving_recording_are_averages_of_its_samples(options):
 def test_a_vehicle_sways_and_says_how_much():
     config = default_config("scene=vehicle", "scene.sway.level=[0.5,1.5]", "protocol=static",
                             "rate_hz=100", "duration_s=10", "scene.physics_hz=400")  # fmt: skip
-    rows = list(sim.generate._recordings(config, sensor(config), range(3)))
+    rows = list(sim.recordings.recordings(config, sensor(config), range(3)))
     levels = [float(r["sway_level"]) for r in rows]
     assert len(set(levels)) == 3
     assert all(0.5 <= level <= 1.5 for level in levels)

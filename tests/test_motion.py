@@ -27,7 +27,7 @@ RATE_HZ = 600.0
 
 def drawn(scene: SceneConfig = SCENE, azimuth: float = 0.0, index: int = 0) -> Draw:
     rng = streams.recording(1, index, streams.Purpose.MOTION)
-    return motion.draw(scene, azimuth, rng, 60.0)
+    return motion.draw(scene, azimuth, lambda: rng, 60.0)
 
 
 def resting(planned: Plan, latitude: float, azimuth: float = 0.0, scene=SCENE) -> Truth:

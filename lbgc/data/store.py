@@ -228,8 +228,8 @@ class Dataset:
     def write_shard(self, shard: int, batch: Mapping[str, np.ndarray]) -> None:
         """Write all variables of a shard's recordings, then its checksums.
 
-        batch : name -> array whose first axis is the shard's recordings, for every variable; fastest
-        where (recording, time, axis) lies axis by axis in memory, as it is stored.
+        batch : name -> array whose first axis is the shard's recordings, for every variable;
+        fastest where (recording, time, axis) lies axis by axis in memory, as it is stored.
         Raises InputError where it cannot be written.
         """
         missing = set(VARIABLES) ^ set(batch)

@@ -8,6 +8,7 @@ the noise terms evolve within it. Rounding to counts, clipping to the range and 
 not linear and stand outside the exact law of block means.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -19,6 +20,8 @@ from lbgc.sensor import gaussian, noise
 from lbgc.sensor.low_pass import low_pass
 
 Triple = tuple[float, float, float]
+_SHORT = 4096
+"""Up to so many values of an axis, all three axes of one law are drawn at once."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,18 @@ class UnitErrors:
 
 @dataclass(frozen=True)
 class TriadErrors(UnitErrors):
-    """What was drawn for a triad and a recording: nothing about a recording is a mystery."""
+    """What was drawn for a triad and a recording: nothing about a recording is a mystery. Of
+    several recordings, each array has one more axis in front."""
 
     bias_session: np.ndarray  # (3,)
     bias_run: np.ndarray  # (3,)
     tone_phase: np.ndarray  # (3,), rad
     ramp_sign: np.ndarray  # (3,), +-1
+
+    @classmethod
+    def of(cls, each: Sequence["TriadErrors"]) -> "TriadErrors":
+        """Several recordings' as one."""
+        return cls(**{name: np.stack([vars(e)[name] for e in each]) for name in vars(each[0])})
 
     @property
     def bias(self) -> np.ndarray:
@@ -78,10 +87,15 @@ class Timing:
     dropped_share: float = 0.0
     """Of the samples, lost independently of each other"""
 
-    def draw(self, rng: np.random.Generator, n: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def draw(
+        self, stream: Callable[[], np.random.Generator], n: int, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """What is printed as each sample's time less the true time, (n,) in s, and which samples
         are lost, bool (n,). Samples are printed in order, so that timestamps never decrease; the
         first one always arrives."""
+        if self.jitter_s == 0 and self.dropped_share == 0:
+            return np.zeros(n), np.zeros(n, bool)
+        rng = stream()
         time = np.arange(1, n + 1) * dt
         printed = time
         if self.jitter_s > 0:
@@ -302,9 +316,13 @@ class Triad:
         law of its samples' averages."""
         recordings = errors.bias_run.shape[:-1]
         signal = np.empty((*recordings, 3, n), np.float32)
+        together = n <= _SHORT and len(set(terms)) == 1
+        if together:  # fewer and larger products
+            gaussian.sample(terms[0], rng, signal.shape, dt, out=signal)
         for axis, own in enumerate(terms):
             drawn = signal[..., axis, :]
-            gaussian.sample(own, rng, drawn.shape, dt, out=drawn)
+            if not together:
+                gaussian.sample(own, rng, drawn.shape, dt, out=drawn)
             if self.tone[axis] > 0:
                 phase = errors.tone_phase[..., axis]
                 drawn += self.tone_of(axis).at_phase(phase, n, dt, np.float32)

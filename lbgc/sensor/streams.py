@@ -26,6 +26,14 @@ def recording(seed: int, index: int, purpose: Purpose) -> np.random.Generator:
     return _generator(seed, _RECORDING, index, int(purpose))
 
 
+def child(rng: np.random.Generator, number: int) -> np.random.Generator:
+    """The number-th of a stream's own children: what `rng.spawn` gives, made alone."""
+    seed = rng.bit_generator.seed_seq
+    assert isinstance(seed, np.random.SeedSequence)
+    assert isinstance(seed.entropy, int)
+    return _generator(seed.entropy, *seed.spawn_key, number)
+
+
 def unit(unit_seed: int, index: int) -> np.random.Generator:
     return _generator(unit_seed, _UNIT, index)
 

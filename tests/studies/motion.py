@@ -10,6 +10,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import closed_form
@@ -22,6 +23,7 @@ from tqdm import tqdm
 from vehicle_likeness import BANDS_HZ, FIGURES, WINDOWS_S, band_psd, likeness
 
 import sim.generate
+import sim.recordings
 from lbgc.data import logs
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
@@ -39,7 +41,8 @@ DEG = np.pi / 180
 
 
 def drawn(scene: SceneConfig, azimuth: float, index: int = 0) -> motion.Draw:
-    return motion.draw(scene, azimuth, streams.recording(1, index, streams.Purpose.MOTION), 60.0)
+    stream = partial(streams.recording, 1, index, streams.Purpose.MOTION)
+    return motion.draw(scene, azimuth, stream, 60.0)
 
 
 def protocol(values: dict) -> ProtocolConfig:
@@ -121,7 +124,7 @@ def speed(report: Report) -> None:
     for name, options in CASES["speed"].items():
         config = default_config(*options)
         imu = config.imu
-        sensor = sim.generate._Sensor(
+        sensor = sim.recordings.Sensor(
             imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config
         )
         rows = range(CASES["speed_recordings"])
@@ -131,15 +134,15 @@ def speed(report: Report) -> None:
         def truths(config=config, plans=plans, latitude=latitude, rows=rows) -> None:
             draws = [
                 motion.draw(
-                    config.scene, 0.1, streams.recording(1, i, streams.Purpose.MOTION),
-                    config.duration_s,
+                    config.scene, 0.1,
+                    partial(streams.recording, 1, i, streams.Purpose.MOTION), config.duration_s,
                 )
                 for i in rows
             ]  # fmt: skip
             list(motion.truths(config.bench, plans, latitude, draws, threads=2))
 
         def whole(config=config, sensor=sensor, rows=rows) -> None:
-            list(sim.generate._recordings(config, sensor, rows))
+            list(sim.recordings.recordings(config, sensor, rows))
 
         pairs = []
         for _ in range(CASES["speed_repeats"]):
@@ -189,11 +192,11 @@ def vehicle(report: Report) -> None:
         *case["options"], f"recordings={count}", f"latitude={np.rad2deg(whole.latitude)}"
     )
     imu = config.imu
-    sensor = sim.generate._Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
+    sensor = sim.recordings.Sensor(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
     scales = (t.output_scale(1 / config.rate_hz) or 1.0 for t in (sensor.gyro, sensor.accel))
     gyro_scale, accel_scale = scales
     simulated, headings = [], []
-    rows = sim.generate._recordings(config, sensor, range(count))
+    rows = sim.recordings.recordings(config, sensor, range(count))
     for i, row in enumerate(tqdm(rows, "swaying", count, leave=False)):
         simulated.append(
             replace(
