@@ -63,8 +63,9 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# One core is what most figures are for.
 bench: $(PEERS)
-	PYTHONPATH=tests:tests/studies $(BIN)/python tests/bench/bench.py
+	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests:tests/studies $(BIN)/python tests/bench/bench.py
 
 STUDIES := $(filter-out common scoring vehicle_likeness,$(basename $(notdir $(wildcard tests/studies/*.py))))
 

@@ -1,56 +1,51 @@
-"""Speed against the machine's own limit: drawing as many float32 normals from numpy's Philox.
+"""Speed against the machine's own limits.
 
     make bench
 
-Both sides of every ratio are measured in turn within one run; medians of the repetitions.
+The floor is drawing as many float32 normals from numpy's Philox. Both sides of a ratio are
+measured in turn within this run; what is printed are medians. The last column holds each figure
+against its own limit, which no program that does the same work could pass: drawing its normals from
+the generator in use, with them compressing and hashing what is stored, the physics alone, or the
+network alone.
 """
 
+import hashlib
+import os
 import shutil
 import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import learning
 import numpy as np
+import peers
+import processes
 from common import Report
 from helpers import default_config
+from numcodecs import Blosc
+from table import Row, Table
+from timing import Work, against, floor, normals
 
 import sim.generate
+import sim.recordings
+from lbgc.data import store
 from lbgc.data.store import Dataset
+from lbgc.earth import normal_gravity
 from lbgc.estimators.static import mean
+from lbgc.protocol import plan
 from lbgc.sensor import streams
 from lbgc.sensor.streams import Purpose
+from sim import physics, scene
+from sim.poses import Bench
 
-REPEATS = 7
-
-
-def seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
+ONE = 144_000 * 6
+"""Channel samples of a recording."""
 
 
-def over_floor(work: Callable[[], object], samples: int) -> tuple[float, float]:
-    """(rate over the floor's, seconds), medians over repetitions of both sides in turn.
-
-    samples : how many 600 Hz channel samples `work` stands for."""
-    rng = np.random.Generator(np.random.Philox(1))
-    buffer = np.empty(min(samples, 2_000_000), np.float32)
-
-    def floor() -> None:
-        for _ in range(max(1, round(samples / len(buffer)))):
-            rng.standard_normal(out=buffer, dtype=np.float32)
-
-    drawn = max(1, round(samples / len(buffer))) * len(buffer)
-    pairs = [(seconds(floor) * samples / drawn, seconds(work)) for _ in range(REPEATS)]
-    return float(np.median([f / w for f, w in pairs])), float(np.median([w for _, w in pairs]))
-
-
-def error_model(count: int, means: bool) -> Callable[[], None]:
-    """Both triads of the default sensor, in memory."""
+def error_model(count: int) -> Work:
+    """Both triads of the default sensor, in memory, every sample."""
     config = default_config()
-    block = 150 if means else 1  # 4 Hz
     triads = config.imu.gyro.triad(), config.imu.accel.triad()
     truths = np.full((3, 1), 5e-5), np.array([[0.1], [0.1], [-9.8]])
 
@@ -62,18 +57,31 @@ def error_model(count: int, means: bool) -> Callable[[], None]:
                 rng = streams.recording(1, i, purpose)
                 unit = triad.draw_unit(streams.unit(1, 0))
                 errors = triad.draw_run(rng, unit, triad.draw_session(streams.session(1, 0, 0)))
-                n, dt = config.samples // block, 1 / config.rate_hz
-                if means:
-                    triad.measure_means(rng, truth, errors, n, dt, block)
-                else:
-                    triad.measure(rng, truth, errors, n, dt)
+                triad.measure(rng, truth, errors, config.samples, 1 / config.rate_hz)
 
     return work
 
 
-def end_to_end(home: Path, **changes: object) -> Callable[[], None]:
-    """Into a finished dataset: motion, errors, counts, compression, checksums, digest."""
-    config = replace(default_config(), **changes)
+def means(count: int) -> Work:
+    """4 Hz means of both triads, in memory."""
+    config = default_config("output=means", "mean_s=0.25")
+    sensor = sim.recordings.Sensor.of(config)
+    truths = np.full((3, 1), 5e-5), np.array([[0.1], [0.1], [-9.8]])
+
+    def work() -> None:
+        kept = sim.recordings._lasting(config, sensor, 0, 0)
+        for first in range(0, count, 64):
+            rows = range(first, first + 64)
+            for (_, triad, purpose), truth in zip(sensor.triads(), truths, strict=True):
+                rngs, errors = sensor.drawn(triad, purpose, rows, [kept] * 64)
+                sensor.measure(triad, rngs, [truth] * 64, errors, None)
+
+    return work
+
+
+def end_to_end(home: Path, *options: str) -> Work:
+    """Into a finished dataset: motion, errors, counts, compression, checksums."""
+    config = default_config(*options)
 
     def work() -> None:
         out = Path(tempfile.mkdtemp(dir=home)) / "d.zarr"
@@ -83,44 +91,136 @@ def end_to_end(home: Path, **changes: object) -> Callable[[], None]:
     return work
 
 
-def main() -> None:
-    sim.generate.try_picture = lambda *_: None  # a picture is no data
-    one = 144_000 * 6
-    with Report("bench") as bench, tempfile.TemporaryDirectory() as home:
-        rows = {
-            "error_model": (error_model(4, means=False), 4 * one),
-            "means": (error_model(100, means=True), 100 * one),
-            "end_to_end_static": (end_to_end(Path(home), recordings=32), 32 * one),
-            "means_stored": (
-                end_to_end(Path(home), recordings=512, output="means", mean_s=0.25),
-                512 * one,
-            ),
-        }
-        bench.line("what, counted in 600 Hz channel samples       over the floor   samples/s")
-        for name, (work, samples) in rows.items():
-            work()  # once to fill caches
-            ratio, took = over_floor(work, samples)
-            bench.line(f"{name:45s} {ratio:14.3f}   {samples / took:.3g}")
-            bench.summary[f"{name}_over_floor"] = round(ratio, 4)
-        baseline(bench, Path(home))
+def bare(home: Path, *options: str) -> Work:
+    """What a dataset cannot do without: its normals from SFC64, compressing and hashing once."""
+    made = Dataset.open_finished(sim.generate.main(
+        replace(default_config(*options), out=str(home / "bare.zarr"))))  # fmt: skip
+    shard = min(made.layout.shard, len(made))
+    values = [np.asarray(made._array(n)[:shard]).swapaxes(1, 2).copy() for n in ("gyro", "accel")]
+    count, rows = len(made), -(-len(made) // shard)
+    shutil.rmtree(home / "bare.zarr")
+    draw = normals(count * values[0][0].size * 2, np.random.SFC64)
+    blosc = Blosc("zstd", 1, Blosc.BITSHUFFLE)
+
+    def work() -> None:
+        draw()
+        for _ in range(rows):
+            for value in values:
+                hashlib.sha256(value.data)
+                for first in range(0, len(value), 64):
+                    blosc.encode(value[first : first + 64])
+
+    return work
 
 
-def baseline(bench: Report, home: Path) -> None:
+def vehicle(home: Path, count: int) -> Work:
+    """So many recordings in a vehicle, as a worker with one core makes them."""
+    workers = ("cluster=local", f"cluster.workers={os.cpu_count()}")
+    config = default_config("scene=vehicle", f"recordings={count}", *workers)
+    path, sensor = str(home / "vehicle.zarr"), sim.recordings.Sensor.of(config)
+    store.create(path, sim.generate._layout(config, sensor), config.content(), {})
+    return lambda: sim.generate.make_shard(config, path, 0)
+
+
+def rollout(count: int) -> Work:
+    """The physics of so many recordings in a vehicle alone: mujoco.rollout on one thread."""
+    config = default_config("scene=vehicle")
+    bench = Bench(config.scene, config.rate_hz, config.samples)
+    model = scene.load(config.scene, normal_gravity(float(np.deg2rad(config.latitude))))
+    steps = physics.lead_steps(bench) + bench.samples * bench.steps + 2
+    state = physics._state(model, 0.0)
+    block = round(physics._BLOCK_S * config.scene.physics_hz)
+    planned = plan(config.protocol, 0, config.duration_s)
+    control = physics._servo(model, bench, planned, 0, block)[None]
+
+    def work() -> None:
+        for _ in range(count):
+            own = [state]
+            for first in range(0, steps, block):
+                part = control[:, : min(block, steps - first)]
+                after, _ = physics.roll([model], own, part, 1)
+                own = [after[0, -1]]
+
+    return work
+
+
+def rates(table: Table, home: Path) -> None:
+    alone = "SFC64's normals alone"
+    many = 512
+    memory = (
+        ("error_model", "error model, 6 axes, in memory", 0.6, error_model(4), 4, ONE),
+        ("means", "4 Hz means, in memory, as 600 Hz samples", 50, means(many), many, 5760),
+    )
+    for key, what, goal, work, count, drawn in memory:
+        limits = floor(count * ONE), (normals(count * drawn, np.random.SFC64), 1.0)
+        table.ratio(f"{key}_over_floor", what, goal, *against(work, limits, what), alone)
+    stored = "SFC64's normals, compressing, hashing"
+    cases: tuple[tuple[str, str, float, int, tuple[str, ...]], ...] = (
+        ("end_to_end_static", "end to end, static", 0.25, 48, ()),
+        ("end_to_end_two_position", "end to end, two positions", 0.1, 32,
+         ("protocol=two_position",)),
+        ("means_stored", "4 Hz means, end to end", 30, 3072, ("output=means", "mean_s=0.25")),
+        ("means_stored_two_position", "4 Hz means, end to end, two positions", 30, 2048,
+         ("output=means", "mean_s=0.25", "protocol=two_position")),
+    )  # fmt: skip
+    for key, what, goal, count, changes in cases:
+        options = (f"recordings={count}", *changes)
+        limits = floor(count * ONE), (bare(home, *options), 1.0)
+        found = against(end_to_end(home, *options), limits, what, 5)
+        table.ratio(f"{key}_over_floor", what, goal, *found, stored)
+    what = "end to end, vehicle, over mujoco.rollout"
+    (found,) = against(vehicle(home, 3), [(rollout(3), 1.0)], what, 3)
+    physics_alone = "mujoco.rollout on that model"
+    table.ratio("end_to_end_vehicle_over_rollout", what, 0.75, found, found, physics_alone)
+
+
+def reading(table: Table, home: Path) -> None:
     """Reading a full-rate dataset and the plain mean on it."""
     from lbgc.data.windows import cut
 
-    config = replace(default_config(), recordings=16, out=str(home / "read.zarr"))
+    config = replace(default_config("recordings=16"), out=str(home / "read.zarr"))
     data = Dataset.open_finished(sim.generate.main(config))
 
     def work() -> None:
         for record in data.records(np.arange(16)):
             mean(cut(record, 240.0))
 
-    ratio, took = over_floor(work, 16 * 144_000 * 6)
-    bench.line(
-        f"{'read and estimate (plain mean, 240 s)':45s} {ratio:14.3f}   {16 * 864e3 / took:.3g}"
-    )
-    bench.summary["read_and_estimate_over_floor"] = round(ratio, 4)
+    (found,) = against(work, [floor(16 * ONE)], "reading", 5)
+    table.add(
+        Row("read_and_estimate_over_floor", "read and estimate (plain mean, 240 s)", found.ratio,
+            "-", True, spread=found.spread, cpu=found.cpu)
+    )  # fmt: skip
+
+
+def public_tools(table: Table) -> None:
+    for key, models, work, count in peers.available():
+        what = f"peer: {key.replace('_', '-')} ({models})"
+        if work is None:
+            table.absent(what, "not installed (pip install -e '.[bench]')")
+            continue
+        (found,) = against(work, [floor(count)], what, 3)
+        table.add(
+            Row(f"peer_{key}_over_floor", what, found.ratio, "-", True, spread=found.spread,
+                cpu=found.cpu)
+        )  # fmt: skip
+
+
+def main() -> None:
+    sim.generate.try_picture = lambda *_: None  # a picture is no data
+    with Report("bench") as report, tempfile.TemporaryDirectory() as name:
+        home, table = Path(name), Table(report)
+        parts: tuple[Callable[[], None], ...] = (
+            lambda: rates(table, home),
+            lambda: processes.rows(table, home),
+            lambda: learning.rows(table, home),
+            lambda: reading(table, home),
+            lambda: public_tools(table),
+        )
+        for part in parts:
+            part()
+        report.line("! misses its goal. +-: half the middle half of the repetitions. By cpu: the")
+        report.line("same ratio by processor time, which a busy machine changes less.")
+        table.write()
 
 
 if __name__ == "__main__":

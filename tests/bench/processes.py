@@ -1,0 +1,119 @@
+"""Two processes against one, and the memory of a process."""
+
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, wait
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from helpers import default_config
+from table import Row, Table
+from timing import floor
+from tqdm import tqdm
+
+import sim.generate
+import sim.recordings
+from lbgc.data import store
+from sim.generate import GenerateConfig
+
+_SHARDS = 8
+_REPEATS = 5
+_FEW, _MANY = 80, 2000
+_MOST_MB = 600.0
+
+
+def rows(table: Table, home: Path) -> None:
+    _speedup(table, home)
+    _memory(table)
+
+
+def _speedup(table: Table, home: Path) -> None:
+    """Shards done by two workers that are up and running, against one of them."""
+    config = default_config(f"recordings={16 * _SHARDS}")
+    path = str(home / "two.zarr")
+    sensor = sim.recordings.Sensor.of(config)
+    store.create(path, sim.generate._layout(config, sensor), config.content(), {})
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+
+        def both(task: Callable[..., object], *arguments: list) -> float:
+            started = time.perf_counter()
+            wait([pool.submit(task, *given) for given in zip(*arguments, strict=True)])
+            return time.perf_counter() - started
+
+        def one(task: Callable[..., object], *arguments: list) -> float:
+            started = time.perf_counter()
+            for given in zip(*arguments, strict=True):
+                pool.submit(task, *given).result()
+            return time.perf_counter() - started
+
+        shards = list(range(_SHARDS))
+        given = [config] * _SHARDS, [path] * _SHARDS, shards
+        both(sim.generate.make_shard, *given)  # once, to import everything
+        ratios, limits = [], []
+        for _ in tqdm(range(_REPEATS), "two processes", leave=False):
+            ratios.append(
+                one(sim.generate.make_shard, *given) / both(sim.generate.make_shard, *given)
+            )
+            limits.append(one(_draw, shards) / both(_draw, shards))
+    low, middle, high = (float(q) for q in np.quantile(ratios, (0.25, 0.5, 0.75)))
+    limit = float(np.median(limits))
+    table.add(
+        Row("two_process_speedup", "two processes over one", middle, "1.8", middle >= 1.8,
+            middle / limit, f"drawing alone on two ({limit:.2f})", (high - low) / 2 / middle)
+    )  # fmt: skip
+
+
+def _draw(_: int) -> None:
+    floor(10_000_000)[0]()
+
+
+def _memory(table: Table) -> None:
+    """Highest resident memory of generation and of evaluation, each in a process of its own."""
+    bare = _peak(_nothing)
+    for count in (_FEW, _MANY):
+        with tempfile.TemporaryDirectory() as home:
+            config = replace(default_config(f"recordings={count}"), out=f"{home}/d.zarr")
+            made = _peak(_generate, config)
+            read = _peak(_evaluate, config.out, home)
+        most = max(made, read)
+        table.add(
+            Row(f"memory_{count}_mb", f"memory of a process, {count} recordings, MB", most,
+                f"<={_MOST_MB:.0f}", most <= _MOST_MB, most / bare, f"imports alone ({bare:.0f})")
+        )  # fmt: skip
+        table.note(f"memory_{count}_generation_mb", made)
+        table.note(f"memory_{count}_evaluation_mb", read)
+
+
+def _peak(task: Callable[..., object], *arguments: object) -> float:
+    """MB, of a fresh process that did this."""
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        return pool.submit(_measured, task, *arguments).result()
+
+
+def _measured(task: Callable[..., object], *arguments: object) -> float:
+    sim.generate.try_picture = lambda *_: None
+    task(*arguments)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _nothing() -> None:
+    import lbgc.evaluate  # noqa: F401
+
+
+def _generate(config: GenerateConfig) -> None:
+    sys.stderr.write(f"memory: {config.recordings} recordings\n")
+    sim.generate.main(config)
+
+
+def _evaluate(data: str, home: str) -> None:
+    import os
+
+    from lbgc import evaluate
+
+    os.chdir(home)  # its results are not wanted
+    evaluate.main(evaluate.EvaluateConfig(data=data))
