@@ -3,11 +3,11 @@
 python lbgc/train.py data=PATH
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import numpy as np
 from safetensors.torch import save
 from tqdm import tqdm
 
@@ -100,8 +100,8 @@ class TrainConfig:
         del content["checkpoint_every"]
         return content
 
-    def plan(self, longest_s: float) -> Plan:
-        """For recordings of this length; windows that are longer are left out."""
+    def plan(self, longest_s: float, reference_error_deg: float) -> Plan:
+        """For recordings of this length, whose reference errs so; longer windows are left out."""
         usable = [w for w in self.windows_s if w <= longest_s + 1e-9]
         require(
             bool(usable), "windows_s", self.windows_s, f"none fits recordings of {longest_s:g} s"
@@ -111,7 +111,11 @@ class TrainConfig:
         names = ("model", "steps", "batch", "learning_rate", "schedule", "clip",
                  "validate_every", "patience", "checkpoint_every", "seed")  # fmt: skip
         lengths = {w: self.window_steps(w) or 1 for w in usable}
-        return Plan(windows_steps=lengths, **{name: getattr(self, name) for name in names})
+        return Plan(
+            windows_steps=lengths,
+            reference_sigma=float(np.deg2rad(reference_error_deg)),
+            **{name: getattr(self, name) for name in names},
+        )
 
 
 def main(config: TrainConfig) -> Path:
@@ -134,11 +138,12 @@ def main(config: TrainConfig) -> Path:
     if config.stream:
         source = Streamed.of(dataset, dataset.in_split("train"), train)
     else:
-        source = Stored(train, config.augment, imu.gyro)
-    trainer = Trainer(config.plan(train.duration_s), source, train, validation, imu)
-    started = time.perf_counter()
+        units = dataset.label("unit")[dataset.in_split("train")]
+        source = Stored(train, units, config.augment, imu.gyro)
+    plan = config.plan(train.duration_s, dataset.configuration["scene"]["reference_error_deg"])
+    trainer = Trainer(plan, source, train, validation, imu)
     trainer.run(run / CHECKPOINT, lambda history: _write_history(run, history))
-    _save(run, config, dataset, trainer, time.perf_counter() - started)
+    _save(run, config, dataset, trainer)
     (run / CHECKPOINT).unlink(missing_ok=True)
     mark_latest(run)
     return run
@@ -176,9 +181,7 @@ def _write_history(run: Path, history: Sequence[dict[str, float]]) -> None:
     write_atomically(run / "history.csv", "\n".join(lines) + "\n")
 
 
-def _save(
-    run: Path, config: TrainConfig, dataset: Dataset, trainer: Trainer, seconds: float
-) -> None:
+def _save(run: Path, config: TrainConfig, dataset: Dataset, trainer: Trainer) -> None:
     """Everything of a run; the description last, since it says that the run is whole."""
     history = trainer.history
     loss_curve(history).savefig(run / "loss.png", dpi=150)
@@ -197,7 +200,7 @@ def _save(
         "dataset": dataset.identity,
         "imu_rate_hz": dataset.configuration["rate_hz"],
         "units": {k: dataset.configuration[k] for k in ("unit_seed", "units", "imu")},
-        "seconds": round(seconds, 1),
+        "seconds": round(trainer.seconds, 1),
     }
     write_atomically(run / DESCRIPTION, description.compose(said, stored))
 

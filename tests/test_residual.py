@@ -1,5 +1,6 @@
 """Corrections to a classical estimate, the von Mises head, windows drawn afresh, and resuming."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from lbgc.data.windows import Windows, stack
 from lbgc.errors import InputError
 from lbgc.estimators.static import mean
 from lbgc.frames import wrap
-from lbgc.learning import trainer
+from lbgc.learning import checkpoint, trainer
 from lbgc.learning.estimator import Learned
 from lbgc.learning.loss import von_mises_nll
 from lbgc.learning.model import ModelConfig, make, moments, von_mises_sigma
@@ -57,6 +58,18 @@ def test_the_likelihood_is_von_mises_density():
         expected = np.log(2 * np.pi * i0e(k64)) + k64 * (1 - np.cos(e64))
         got = von_mises_nll(t[None], t[None] - e + 360.0, torch.log(k)[None])
         assert float(got) == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_references_own_error_is_no_part_of_sigma():
+    """Truth within 1 degree of the estimate and a reference within 2 of the truth, 1 sigma: of all
+    concentrations the truth's makes the loss least, to the sampling error of 20,000 (1/sqrt(2 n) of
+    5, of which 1 is to be told apart: 2.5%, four of them)."""
+    rng = torch.Generator().manual_seed(3)
+    off = np.sqrt(5.0) * torch.randn(20_000, generator=rng)
+    sigma = torch.linspace(0.5, 2.0, 151)
+    log_kappa = -2 * torch.log(torch.deg2rad(sigma))
+    losses = [float(von_mises_nll(off, torch.zeros(1), k, np.deg2rad(2))) for k in log_kappa]
+    assert float(sigma[int(np.argmin(losses))]) == pytest.approx(1.0, abs=0.1)
 
 
 def test_its_gradient_in_the_concentration_is_right_where_it_is_narrow():
@@ -166,7 +179,8 @@ def test_a_correction_learns_what_repeats_and_says_how_sure_it_is(dataset, tmp_p
 
 
 def test_a_killed_training_ends_with_the_same_weights(dataset, tmp_path, monkeypatch):
-    """Killed at step 17, checkpointed at 10: the same bytes and the same history."""
+    """Killed at step 17, checkpointed at 10: the same bytes and the same history; and the seconds
+    of both parts are added up."""
     options = ("steps=24", "validate_every=4", "checkpoint_every=10", "batch=32")
     whole = trained(dataset, tmp_path / "whole", monkeypatch, *options).resolve()
     step = trainer.Trainer._train
@@ -182,10 +196,14 @@ def test_a_killed_training_ends_with_the_same_weights(dataset, tmp_path, monkeyp
     (left,) = (tmp_path / "cut/outputs/train").glob("*")
     assert (left / "checkpoint.safetensors").exists()
     monkeypatch.setattr(trainer.Trainer, "_train", step)
+    tensors, said = checkpoint.read(left / "checkpoint.safetensors")
+    assert said["seconds"] > 0
+    checkpoint.write(left / "checkpoint.safetensors", tensors, said | {"seconds": 1000.0})
     run = trained(dataset, tmp_path / "cut", monkeypatch, *options).resolve()
     for name in ("model.safetensors", "history.csv"):
         assert (run / name).read_bytes() == (whole / name).read_bytes()
     assert not (run / "checkpoint.safetensors").exists()
+    assert json.loads((run / "model.json").read_text())["seconds"] > 1000
 
 
 def test_training_ends_where_nothing_gets_better(dataset, tmp_path, monkeypatch):

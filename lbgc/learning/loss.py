@@ -28,14 +28,20 @@ def vector_mse(truth_deg: Tensor, sincos: Tensor) -> Tensor:
     return (sincos - target).square().sum(dim=-1).mean()
 
 
-def von_mises_nll(truth_deg: Tensor, estimate_deg: Tensor, log_kappa: Tensor) -> Tensor:
+def von_mises_nll(
+    reference_deg: Tensor, estimate_deg: Tensor, log_kappa: Tensor, reference_sigma: float = 0.0
+) -> Tensor:
     """Mean negative logarithm of the von Mises density exp(kappa cos e)/(2 pi I0(kappa)), in nats.
+
+    reference_sigma : rad, the reference's own error, 1 sigma: what scatters about the estimate is
+    the truth with 1/kappa and the reference about it, in all 1/kappa + reference_sigma^2 (exact
+    where both are narrow, and where either is nought), so that kappa is the truth's.
 
     In double precision, with I0 scaled by exp(-kappa) and 1 - cos e as 2 sin^2(e/2): neither
     overflows nor cancels, down to errors of an arcsecond.
     """
-    error = torch.deg2rad(cyclic_error_deg(truth_deg, estimate_deg)).double()
-    kappa = torch.exp(log_kappa.double())
+    error = torch.deg2rad(cyclic_error_deg(reference_deg, estimate_deg)).double()
+    kappa = 1 / (torch.exp(-log_kappa.double()) + reference_sigma**2)
     away = 2 * torch.sin(error / 2) ** 2
     normaliser = math.log(2 * math.pi) + torch.log(torch.special.i0e(kappa))
     return (normaliser + kappa * away).mean()

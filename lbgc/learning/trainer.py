@@ -2,6 +2,7 @@
 
 import copy
 import math
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ from lbgc.errors import reading
 from lbgc.frames import wrap
 from lbgc.learning import checkpoint, loss
 from lbgc.learning.batches import Source, every
-from lbgc.learning.model import HeadingNet, ModelConfig, make
+from lbgc.learning.model import ModelConfig, make
 from lbgc.learning.residual import inputs
 from lbgc.sensor import streams
 from lbgc.sensor.imu import ImuModel
@@ -46,6 +47,8 @@ class Plan:
     """Looks at the validation split without a better one, after which training ends."""
     checkpoint_every: int
     seed: int
+    reference_sigma: float
+    """rad, the error of the headings that it is told, 1 sigma: no part of a stated sigma."""
 
 
 class Trainer:
@@ -68,6 +71,7 @@ class Trainer:
             for window, steps in plan.windows_steps.items()
         ]
         self.step = 0
+        self.seconds = 0.0  # of work that is kept: what a kill undoes is not counted
         self.smoothed: float | None = None
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] = copy.deepcopy(self.net.state_dict())
@@ -81,6 +85,7 @@ class Trainer:
         """
         if file.exists():
             self._restore(file)
+        started = time.perf_counter() - self.seconds
         progress = tqdm(total=self.plan.steps, initial=self.step, desc="training", unit="step")
         with progress as bar, self.drawing_ahead():
             while not self._finished():
@@ -91,6 +96,7 @@ class Trainer:
                 if self.step % self.plan.validate_every == 0 or self.step == self.plan.steps:
                     bar.set_postfix_str(self._look())
                     on_look(self.history)
+                self.seconds = time.perf_counter() - started
                 if self.step % self.plan.checkpoint_every == 0:
                     self._keep(file)
                 bar.update()
@@ -139,9 +145,9 @@ class Trainer:
         return self._tensors(self.source.draw(rng, self.plan.batch, length))
 
     def _train(self) -> float:
-        x, truth_deg = self.batch()
+        x, reference_deg = self.batch()
         self.net.train()
-        value = _loss(self.net, self.net(x), truth_deg)
+        value = self._loss(self.net(x), reference_deg)
         self.optimiser.zero_grad()
         value.backward()
         nn.utils.clip_grad_norm_(self.net.parameters(), self.plan.clip)
@@ -166,6 +172,15 @@ class Trainer:
         error = wrap(base - windows.heading_reference[pick])
         return float(np.clip(np.sqrt(np.mean(error**2)), *_SCALES))
 
+    def _loss(self, raw: Tensor, reference_deg: Tensor) -> Tensor:
+        heading, output = self.net.heading_deg(raw), self.plan.model.output
+        if output == "vonmises":
+            own = self.plan.reference_sigma
+            return loss.von_mises_nll(reference_deg, heading, self.net.log_kappa(raw), own)
+        if output == "sincos":
+            return loss.vector_mse(reference_deg, raw)
+        return loss.cyclic_mse(reference_deg, heading)
+
     @torch.inference_mode()
     def _validate(self) -> dict[str, float]:
         """For each window length RMSE in degrees against the reference; over all of them; and the
@@ -177,7 +192,7 @@ class Trainer:
             raw = self.net(x)
             off = loss.cyclic_mse(truth, self.net.heading_deg(raw))
             errors[f"validation_{window:g}s_deg"] = float(off.sqrt())
-            losses.append(float(_loss(self.net, raw, truth)))
+            losses.append(float(self._loss(raw, truth)))
         all_of = float(np.sqrt(np.mean(np.square(list(errors.values())))))
         likely = self.plan.model.output == "vonmises"
         return {**errors, "all": all_of, "score": float(np.mean(losses)) if likely else all_of}
@@ -185,6 +200,7 @@ class Trainer:
     def _counters(self) -> dict[str, Any]:
         return {
             "step": self.step,
+            "seconds": self.seconds,
             "smoothed": self.smoothed,
             "history": self.history,
             "schedule": self.schedule.state_dict(),
@@ -212,9 +228,8 @@ class Trainer:
                 state.setdefault(int(number), {})[name] = value
             self.optimiser.load_state_dict({"state": state, "param_groups": said["groups"]})
             self.schedule.load_state_dict(said["schedule"])
-            self.step, self.smoothed, self.history = (
-                said[name] for name in ("step", "smoothed", "history")
-            )
+            self.step, self.seconds = said["step"], said["seconds"]
+            self.smoothed, self.history = said["smoothed"], said["history"]
 
     def _check(self, tensors: dict[str, dict[str, Tensor]], said: dict[str, Any]) -> None:
         """Raises ValueError unless a checkpoint's tensors have this training's names and shapes,
@@ -269,12 +284,3 @@ def _schedule(plan: Plan, optimiser: torch.optim.Optimizer) -> torch.optim.lr_sc
     return torch.optim.lr_scheduler.OneCycleLR(
         optimiser, plan.learning_rate, total_steps=plan.steps, pct_start=0.1
     )
-
-
-def _loss(net: HeadingNet, raw: Tensor, truth_deg: Tensor) -> Tensor:
-    heading = net.heading_deg(raw)
-    if net.config.output == "vonmises":
-        return loss.von_mises_nll(truth_deg, heading, net.log_kappa(raw))
-    if net.config.output == "sincos":
-        return loss.vector_mse(truth_deg, raw)
-    return loss.cyclic_mse(truth_deg, heading)
