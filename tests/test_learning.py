@@ -15,9 +15,11 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, cut, stack
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError
+from lbgc.estimators.level import level
 from lbgc.estimators.static import mean
 from lbgc.frames import euler_to_matrix, rotation_z, wrap
-from lbgc.learning.augment import AugmentConfig, augment
+from lbgc.learning.augment import AugmentConfig, _earth_rate, augment
+from lbgc.learning.batches import Stored
 from lbgc.learning.description import FORMAT, Description
 from lbgc.learning.estimator import Learned, load_net
 from lbgc.learning.loss import cyclic_error_deg, cyclic_mse, vector_mse
@@ -97,6 +99,25 @@ def test_augmentation_gives_the_recording_that_would_have_been_made_there():
     np.testing.assert_array_equal(made.accel, there.accel)
 
 
+@pytest.mark.parametrize("protocol", ["two_position", "carousel"])
+def test_a_turning_plates_recording_is_turned_as_a_whole(tmp_path, protocol):
+    """A noiseless sensor on a level plate: what is felt at rest or in steady turning, at every
+    heading, is what was stored at that heading."""
+    config = default_config("imu=ideal", f"protocol={protocol}")
+    made = generate(tmp_path / "d.zarr", imu=config.imu, protocol=config.protocol, recordings=2,
+                    duration_s=40.0, output="means", mean_s=1.0, split=[1, 0, 0])  # fmt: skip
+    windows = stack(made.records(np.arange(2)), 1.0)
+    windows = replace(windows, heading_reference=windows.heading)
+    one, two = (_earth_rate(windows.rows(slice(i, i + 1)), windows.heading[i : i + 1])
+                for i in (0, 1))  # fmt: skip
+    difference = windows.gyro[1] - windows.gyro[0]
+    travel = np.abs(np.diff(windows.plate_angle[0], prepend=0.0))
+    steady = np.abs(np.diff(travel, prepend=travel[:1], append=travel[-1:]))
+    good = (steady[:-1] < 1e-3) & (steady[1:] < 1e-3)
+    assert good.sum() > 20
+    np.testing.assert_allclose((two - one)[0][good][:, :2], difference[good][:, :2], atol=1e-7)
+
+
 def test_the_papers_literal_form_turns_the_bias_too():
     bias = np.array([3e-6, -2e-6, 1e-6])
     config = replace(TURN_ONLY, form="literal")
@@ -124,17 +145,60 @@ def test_every_copy_draws_its_own_noise_and_bias(rng):
 
 @pytest.mark.parametrize(
     "changed",
-    [{"rotate": False}, {"form": "literal"}, {"noise": 0.5}, {"run_bias": 0.5}],
+    [{"rotate": False}, {"form": "literal"}, {"mix": False}, {"noise": 0.5}, {"run_bias": 0.5}],
     ids=lambda c: next(iter(c)),
 )
-def test_every_augmentation_field_changes_the_copies(changed):
+def test_every_augmentation_field_changes_the_copies(changed, rng):
     windows = stack([mock_record()] * 3, 0.2)
+    windows = replace(windows, gyro=windows.gyro + 1e-6 * rng.standard_normal(windows.gyro.shape))
     made = [
-        augment(c, windows, SDC500, np.random.default_rng(1)).gyro
+        Stored(windows, np.zeros(3, int), c, SDC500).draw(np.random.default_rng(1), 3, 5).gyro
         for c in (AugmentConfig(), replace(AugmentConfig(), **changed))
     ]
     assert not np.array_equal(*made)
     assert set(changed) < {f.name for f in fields(AugmentConfig)}
+
+
+def test_mixed_recordings_have_the_law_of_the_stored_ones(rng):
+    """Bias of the unit, run bias and in-run noise of 600 recordings, tilts of a degree, any
+    heading: 4,000 mixtures have their means (six standard errors of either) and covariance over
+    time (a variance from 600 is known to 6%: 4.5 of these, 26%)."""
+    count, steps, unit = 600, 6, np.array([8e-6, -5e-6, 3e-6])
+    psi, tilt = rng.uniform(-np.pi, np.pi, count), np.deg2rad(rng.standard_normal((2, count)))
+    noise = SDC500.sample_noise(rng, count, steps, 5.0) + 5e-6 * rng.standard_normal((count, 1, 3))
+    base = euler_to_matrix(*tilt, psi)
+    earth = np.einsum("wij,i->wj", base, earth_rate_ned(0.6))
+    like = stack([mock_record(latitude=0.6)] * count, 0.2)
+    windows = replace(
+        like,
+        gyro=np.repeat((earth + unit)[:, None], steps, axis=1) + noise,
+        accel=np.repeat(-9.8 * base[:, None, 2], steps, axis=1),
+        plate_angle=np.zeros((count, steps)),
+        heading=psi,
+        heading_reference=psi,
+    )
+    only = AugmentConfig(rotate=False)
+    made = Stored(windows, np.zeros(count, int), only, SDC500).draw(rng, 4000, steps)
+    roll, pitch = level(made.accel.mean(axis=1))
+    base = euler_to_matrix(roll, pitch, made.heading)
+    left = made.gyro - np.einsum("wij,i->wj", base, earth_rate_ned(0.6))[:, None]
+    error = 6 * 5.2e-6 / np.sqrt(count)
+    np.testing.assert_allclose(left.mean(axis=(0, 1)), unit + noise.mean(axis=(0, 1)), atol=error)
+    for axis in range(3):
+        spread = [np.cov(v[..., axis].T) for v in (left, noise)]
+        np.testing.assert_allclose(spread[0], spread[1], rtol=0.26)
+    np.testing.assert_allclose(np.std([roll, pitch], axis=1), np.std(tilt, axis=1), rtol=0.2)
+
+
+def test_what_has_no_two_others_of_its_unit_is_not_mixed(rng):
+    windows = stack([mock_record()] * 5, 0.2)
+    windows = replace(windows, gyro=windows.gyro + 1e-6 * rng.standard_normal(windows.gyro.shape))
+    source = Stored(windows, np.array([7, 3, 3, 3, 7]), AugmentConfig(rotate=False), SDC500)
+    made = source.draw(rng, 200, 5)
+    stored = [any(np.array_equal(g, w) for w in windows.gyro) for g in made.gyro]
+    alone = [any(np.array_equal(g, windows.gyro[i]) for i in (0, 4)) for g in made.gyro]
+    assert 40 < sum(alone) < 120
+    assert stored == alone
 
 
 def test_augmentation_leaves_the_originals_alone():

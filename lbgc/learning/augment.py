@@ -1,11 +1,18 @@
-"""The paper's Algorithm 2: new headings from old recordings.
+"""New recordings from old ones, of the law of the old: the paper's Algorithm 2, and mixing.
 
 The sensor's errors live in the body. Turning a recording by d about the vertical changes Earth's
 rate in the body by omega(psi + d) - omega(psi) and nothing else, so that is what is added; bias,
 noise and vibration stay as they were. The paper's literal form turns them along with the signal
 (form "literal"): a repeatable body-frame bias then averages out over d and cannot be learned.
+
+Mixing: three recordings of one unit, less Earth's rate in each, are the unit's errors u and each
+its own noise, u + n_i. Weights c with sum 1 and sum of squares 1 (a circle of them) make
+u + sum c_i n_i, which has u and the covariance of u + n_i, whatever the sensor is: a fresh draw
+where noise is Gaussian and tilts are small. Noise added on top would come beside the noise that is
+there already: a network would learn a sensor that is noisier than the one it will see.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +24,9 @@ from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix, rotation_z
 from lbgc.sensor.imu import Triad
 
+MIXED = 3
+"""Recordings of one unit that make a new one."""
+
 
 @dataclass(frozen=True)
 class AugmentConfig:
@@ -26,10 +36,12 @@ class AugmentConfig:
     """Turn each copy to a heading drawn from the whole circle."""
     form: str = "earth"
     """earth: turn Earth's rate only. literal: turn the gyro's reading, errors and all."""
-    noise: float = 1.0
-    """Fresh in-run noise added to each copy, as a share of the sensor's own (1 sigma)."""
-    run_bias: float = 1.0
-    """Fresh run bias added to each copy, as a share of the sensor's own (1 sigma)."""
+    mix: bool = True
+    """Noise and run errors of three recordings of the unit, mixed to new ones of the same law."""
+    noise: float = 0.0
+    """In-run noise added on top of what is there, as a share of the sensor's own (1 sigma)."""
+    run_bias: float = 0.0
+    """Run bias added likewise."""
 
     def __post_init__(self) -> None:
         require_choice("form", self.form, ("earth", "literal"))
@@ -50,7 +62,7 @@ def augment(
         if config.form == "literal":
             rates = rates @ rotation_z(d)  # row vectors: C_nb(d)' applied to each
         else:
-            rates += _earth_rate_change(windows, d)[:, None, :]
+            rates += _earth_rate(windows, reference + d) - _earth_rate(windows, reference)
         reference, truth = reference + d, truth + d
     if config.run_bias > 0:
         bias = rng.standard_normal((len(windows), 1, 3)) * gyro.bias_run
@@ -62,14 +74,45 @@ def augment(
     return replace(windows, gyro=rates, heading=truth, heading_reference=reference)
 
 
-def _earth_rate_change(windows: Windows, d: np.ndarray) -> np.ndarray:
-    """C_nb(psi + d)' omega_ie - C_nb(psi)' omega_ie, (W, 3), with the level that the
-    accelerometers tell and the heading that training may know: the reference."""
-    roll, pitch = level(windows.accel.mean(axis=1))
-    earth = earth_rate_ned(windows.latitude)[:, None, :]
-    psi = windows.heading_reference
+def mix(several: Sequence[Windows], rng: np.random.Generator) -> Windows:
+    """Three sets of windows, row by row of one unit and one course of the plate, as one: labels of
+    the first, errors of the law of any."""
+    first = several[0]
+    share = rng.uniform(-np.pi, np.pi, len(first)) + 2 * np.pi / MIXED * np.arange(MIXED)[:, None]
+    weights = (1 + 2 * np.cos(share)) / MIXED  # (3, W): sum 1, sum of squares 1
+    left = [own.gyro - _earth_rate(own, own.heading_reference) for own in several]
+    mixed = replace(first, accel=_sum(weights, [own.accel for own in several]))
+    earth = _earth_rate(mixed, mixed.heading_reference)
+    return replace(mixed, gyro=_sum(weights, left) + earth)
 
-    def in_body(heading: np.ndarray) -> np.ndarray:
-        return (earth @ euler_to_matrix(roll, pitch, heading))[:, 0, :]
 
-    return in_body(psi + d) - in_body(psi)
+def _sum(weights: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
+    """(3, W) and (W, T, 3) each -> (W, T, 3)"""
+    return np.asarray(sum(w[:, None, None] * v for w, v in zip(weights, values, strict=True)))
+
+
+def _earth_rate(windows: Windows, heading: np.ndarray) -> np.ndarray:
+    """In the body, (W, T, 3), at the level that the accelerometers tell: an error of theirs takes
+    part in no difference of two headings, and in a mixture it is that of the mixed ones."""
+    angle = windows.plate_angle
+    if np.abs(angle - angle[:, :1]).max(initial=0.0) < _MOVES:
+        roll, pitch = level(windows.accel.mean(axis=1))
+        base = euler_to_matrix(roll, pitch, heading + angle[:, 0])
+        still = np.einsum("wij,wi->wj", base, earth_rate_ned(windows.latitude))
+        return np.broadcast_to(still[:, None, :], (*angle.shape, 3))
+    roll, pitch = level(on_plate(windows.accel, -angle).mean(axis=1))
+    base = euler_to_matrix(roll, pitch, heading)
+    earth = np.einsum("wij,wi->wj", base, earth_rate_ned(windows.latitude))
+    travel = np.gradient(angle, axis=1)
+    return on_plate(earth[:, None, :], angle, np.sinc(travel / (2 * np.pi)))
+
+
+_MOVES = np.deg2rad(1e-4)
+
+
+def on_plate(vector: np.ndarray, angle: np.ndarray, short: np.ndarray | float = 1.0) -> np.ndarray:
+    """Vectors of the plate's base, (W, 1 or n, 3), in axes of the plate turned by angle, (W, n);
+    short : of a circle's mean over the turn within a sample."""
+    c, s = np.cos(angle) * short, np.sin(angle) * short
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    return np.stack([c * x + s * y, c * y - s * x, z + 0 * c], axis=-1)

@@ -17,6 +17,7 @@ from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.errors import InputError, build
 from lbgc.frames import euler_to_matrix
+from lbgc.learning.augment import on_plate
 from lbgc.learning.batches import crop
 from lbgc.sensor.batch import Lasting, measure_means
 from lbgc.sensor.datasheet import ImuConfig
@@ -110,17 +111,12 @@ class Streamed:
         base = euler_to_matrix(roll, pitch, heading)
         earth = np.einsum("wij,wi->wj", base, earth_rate_ned(stored.latitude[rows]))
         down = normal_gravities(stored.latitude[rows], self.height_m)
-        rate, force = (_on_plate(v, angle, short) for v in (earth, -down[:, None] * base[:, 2]))
+        rate, force = (
+            on_plate(v[:, None, :], angle, short) for v in (earth, -down[:, None] * base[:, 2])
+        )
         rate[..., 2] += turning
         force[..., 0] -= self.arm_m * turning**2  # towards the axis, behind the IMU
         return rate, force
-
-
-def _on_plate(vector: np.ndarray, angle: np.ndarray, short: np.ndarray) -> np.ndarray:
-    """A vector of the plate's base, (W, 3), in the axes of the plate turned by angle: (W, n, 3)."""
-    c, s = np.cos(angle) * short, np.sin(angle) * short
-    x, y, z = (vector[:, i, None] for i in range(3))
-    return np.stack([c * x + s * y, c * y - s * x, z + 0 * c], axis=-1)
 
 
 def _lasting(dataset: Dataset, triad: str, rows: np.ndarray) -> Lasting:
