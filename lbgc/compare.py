@@ -9,6 +9,7 @@ import json
 import sys
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,16 @@ class Row:
 
 def main(config: CompareConfig) -> Path:
     """Print the table, write it as CSV, and return its path."""
-    found = runs(Path(config.runs))
+    return _tabulated(runs(Path(config.runs)))
+
+
+def show(directories: Sequence[Path]) -> None:
+    """The same of these runs: a sweep's end."""
+    several = {d: description.read(d) for d in directories}
+    print(_tabulated(list(several.items())))
+
+
+def _tabulated(found: Sequence[tuple[Path, dict[str, Any]]]) -> Path:
     rows = compare(found)
     print(table(rows))
     out = io.StringIO()
@@ -83,7 +93,7 @@ def runs(directory: Path) -> list[tuple[Path, dict[str, Any]]]:
     return good
 
 
-def compare(found: list[tuple[Path, dict[str, Any]]]) -> list[Row]:
+def compare(found: Sequence[tuple[Path, dict[str, Any]]]) -> list[Row]:
     groups: dict[str, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
     for run, said in found:
         content = {k: v for k, v in _flat(said["training"]).items() if k not in ("seed", "data")}

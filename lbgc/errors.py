@@ -19,7 +19,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
-from lbgc import configs
+from lbgc import configs, sweeps
+from lbgc.sweeps import Ended
 from lbgc.units import unit_of
 
 CONF = str(Path(__file__).resolve().parents[1] / "conf")
@@ -160,48 +161,85 @@ def _spelled(annotation: Any) -> str:
 
 
 def run_main(
-    main: Callable[[Any], Path | str | None], config_class: type, config_name: str
+    main: Callable[[Any], Path | str | None],
+    config_class: type,
+    config_name: str,
+    score: Callable[[Path], float] | None = None,
+    summary: Callable[[list[Path]], None] | None = None,
 ) -> None:
     """Run an entry point under Hydra: `main(config)`, its returned path printed last.
 
+    score : of a result, what an optimising sweeper makes small; summary : of all results, printed
+    when a sweep ends.
+
     Exit codes: 0 done, 2 the input was wrong (one clear message, no traceback), 130 interrupted.
-    In a sweep each failing job says so and the others go on; the sweep then ends with 2.
+    In a sweep each failing job is named and the others go on, in whatever process; the sweep then
+    ends with 2, or with 1 and a traceback where it was no input that was wrong.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # let exceptions reach us instead of Hydra's exit(1)
     failed: list[str] = []
 
-    def job(raw: DictConfig) -> None:
+    def job(raw: DictConfig) -> float | None:
+        run = HydraConfig.get()
+        sweeping = run.mode == RunMode.MULTIRUN
+        own = (int(run.job.num), run.job.override_dirname) if sweeping else (0, "")
         try:
             values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
-            _replace_alternatives(values, HydraConfig.get().overrides.task)
+            _replace_alternatives(values, run.overrides.task)
             path = main(build(config_class, values))  # type: ignore[arg-type]
-        except InputError as error:
+        except Exception as error:
+            if sweeping:  # a launcher's other process has no other way to say that it failed
+                sweeps.report(Ended(*own, None, str(error) or type(error).__name__))
+                raise
+            if not isinstance(error, InputError):
+                raise
             failed.append(str(error))
             print(f"error: {error}", file=sys.stderr)
-            if HydraConfig.get().mode == RunMode.MULTIRUN:
-                raise  # a launcher's other process has no other way to say that it failed
-            return
+            return None
         if path is not None:
             print(path, flush=True)
+        if sweeping:
+            sweeps.report(Ended(*own, None if path is None else str(path), None))
+        return None if score is None or path is None else score(Path(path))
 
-    try:
-        for directory in configs.brought(sys.argv[1:]):
-            with reading("--config-dir", directory, "cannot be taken"):
-                configs.check_directory(directory)
-        with _never_forgotten():
-            hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
-        if failed:
+    with sweeps.sweep() as directory:
+        try:
+            for brought in configs.brought(sys.argv[1:]):
+                with reading("--config-dir", brought, "cannot be taken"):
+                    configs.check_directory(brought)
+            with _never_forgotten():
+                hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
+            _conclude(directory, summary)
+            if failed:
+                sys.exit(2)
+        except InputError as error:
+            if _conclude(directory, summary) == 0:
+                print(f"error: {error}", file=sys.stderr)
             sys.exit(2)
-    except InputError as error:
-        if str(error) not in failed:
-            print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except (HydraException, OmegaConfBaseException, RecursionError) as error:
-        print(f"error: {_hydra_says(error)}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("interrupted; run the same command again to go on", file=sys.stderr)
-        sys.exit(130)
+        except (HydraException, OmegaConfBaseException, RecursionError) as error:
+            print(f"error: {_hydra_says(error)}", file=sys.stderr)
+            sys.exit(2)
+        except KeyboardInterrupt:
+            print("interrupted; run the same command again to go on", file=sys.stderr)
+            sys.exit(130)
+        except Exception:
+            _conclude(directory, summary)
+            raise
+
+
+def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> int:
+    """Say what became of a sweep's jobs; how many failed."""
+    jobs = sweeps.ended(directory)
+    lost = [own for own in jobs if own.error is not None]
+    good = [Path(own.path) for own in jobs if own.path is not None]
+    if summary is not None and good:
+        summary(good)
+    for own in lost:
+        print(f"error: job {own.number} ({own.overrides}): {own.error}", file=sys.stderr)
+    if lost:
+        print(f"{len(lost)} of {len(jobs)} jobs failed; the same command again skips what is "
+              "finished", file=sys.stderr)  # fmt: skip
+    return len(lost)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from lbgc.errors import (
     require_positive,
     run_main,
 )
-from lbgc.learning import description
+from lbgc.learning import board, description
 from lbgc.learning.augment import AugmentConfig
 from lbgc.learning.batches import Source, Stored
 from lbgc.learning.description import DESCRIPTION, FORMAT
@@ -68,6 +68,8 @@ class TrainConfig:
     """Looks without a better one after which training ends early; null: never."""
     checkpoint_every: int = 500
     """Steps after which a killed training can go on from where it was."""
+    tensorboard: bool = False
+    """Metrics for TensorBoard too, in the run's directory."""
     seed: int = 1
     """Of the network's first weights and the order of windows."""
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -97,7 +99,7 @@ class TrainConfig:
     def content(self) -> dict:
         """What decides the trained weights."""
         content = asdict(self)
-        del content["checkpoint_every"]
+        del content["checkpoint_every"], content["tensorboard"]
         return content
 
     def plan(self, longest_s: float, reference_error_deg: float) -> Plan:
@@ -142,7 +144,13 @@ def main(config: TrainConfig) -> Path:
         source = Stored(train, units, config.augment, imu.gyro)
     plan = config.plan(train.duration_s, dataset.configuration["scene"]["reference_error_deg"])
     trainer = Trainer(plan, source, train, validation, imu)
-    trainer.run(run / CHECKPOINT, lambda history: _write_history(run, history))
+
+    def on_look(history: Sequence[dict[str, float]]) -> None:
+        _write_history(run, history)
+        if config.tensorboard:
+            board.write(run / "tensorboard", history[-1])
+
+    trainer.run(run / CHECKPOINT, on_look)
     _save(run, config, dataset, trainer)
     (run / CHECKPOINT).unlink(missing_ok=True)
     mark_latest(run)
@@ -205,5 +213,19 @@ def _save(run: Path, config: TrainConfig, dataset: Dataset, trainer: Trainer) ->
     write_atomically(run / DESCRIPTION, description.compose(said, stored))
 
 
+def validation_error(run: Path) -> float:
+    """A run's, degrees: what an optimising sweeper makes small."""
+    return float(description.read(run)["best_validation_deg"])
+
+
 if __name__ == "__main__":
-    run_main(main, TrainConfig, "train")
+    import lbgc.compare
+    import lbgc.train  # as which, and not as __main__, a launcher's processes know what is here
+
+    run_main(
+        lbgc.train.main,
+        lbgc.train.TrainConfig,
+        "train",
+        score=lbgc.train.validation_error,
+        summary=lbgc.compare.show,
+    )

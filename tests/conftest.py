@@ -33,7 +33,10 @@ ENTRY_POINTS = {
     "lbgc.fit": (lbgc.fit.main, lbgc.fit.FitConfig, "fit"),
     "lbgc.calibrate": (lbgc.calibrate.main, lbgc.calibrate.CalibrateConfig, "calibrate"),
     "lbgc.info": (lbgc.info.main, lbgc.info.InfoConfig, "info"),
-    "lbgc.train": (lbgc.train.main, lbgc.train.TrainConfig, "train"),
+    "lbgc.train": (
+        *(lbgc.train.main, lbgc.train.TrainConfig, "train"),
+        *(lbgc.train.validation_error, lbgc.compare.show),
+    ),
     "lbgc.export": (lbgc.export.main, lbgc.export.ExportConfig, "export"),
     "lbgc.compare": (lbgc.compare.main, lbgc.compare.CompareConfig, "compare"),
     "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),

@@ -27,7 +27,8 @@ MAY_IMPORT = {
     "lbgc.earth": set(),
     "lbgc.frames": set(),
     "lbgc.configs": set(),
-    "lbgc.errors": {"lbgc.units", "lbgc.configs"},
+    "lbgc.sweeps": set(),
+    "lbgc.errors": {"lbgc.units", "lbgc.configs", "lbgc.sweeps"},
     "lbgc.protocol": {"lbgc.errors"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},
@@ -66,7 +67,7 @@ ROOMS = {
     "allantools": {"lbgc/sensor/allan.py"},
     "torch": {"lbgc/learning/model.py", "lbgc/learning/loss.py", "lbgc/learning/estimator.py",
               "lbgc/learning/trainer.py", "lbgc/learning/checkpoint.py",
-              "lbgc/learning/onnx.py"},
+              "lbgc/learning/onnx.py", "lbgc/learning/board.py"},
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr"), ("sim/generate.py", "mujoco")}
 FILM_MAKING = {("sim/render.py", "matplotlib")}

@@ -368,6 +368,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "stream": "stream=true",
         "schedule": "schedule=cosine",
         "patience": None,  # when training ends: see its own test
+        "tensorboard": None,  # who is told, not what is learned
         "checkpoint_every": None,  # what may be lost, not what is learned
         "seed": "seed=2",
         "model": "model.hidden=8",

@@ -1,0 +1,19 @@
+"""A training's metrics where TensorBoard looks for them."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from lbgc.errors import InputError
+
+
+def write(directory: Path, row: Mapping[str, float]) -> None:
+    """One look at the validation split. Raises InputError where TensorBoard is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError as error:
+        what = "needs TensorBoard: python -m pip install 'lbgc[tensorboard]' brings it"
+        raise InputError("tensorboard", True, "", what) from error
+    with SummaryWriter(str(directory)) as writer:
+        for name, value in row.items():
+            if name != "step":
+                writer.add_scalar(name, value, int(row["step"]))
