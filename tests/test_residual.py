@@ -72,6 +72,21 @@ def test_the_references_own_error_is_no_part_of_sigma():
     assert float(sigma[int(np.argmin(losses))]) == pytest.approx(1.0, abs=0.1)
 
 
+def test_tempering_is_of_the_windows_length(dataset):
+    """What is added at 4 and at 16 samples is there, half of both in the middle (8), and the end's
+    beyond; the heading is as it was."""
+    net, windows = make(POOL, 1), recordings(dataset)
+    x = torch.from_numpy(inputs(POOL, windows, None)[0])
+    lengths = (2, 4, 8, 12)
+    before = [net(x[:, :n]).detach() for n in lengths]
+    net.temper(np.array([4, 16]), np.array([0.2, -0.4]))
+    after = [net(x[:, :n]).detach() for n in lengths]
+    expected = [0.2, 0.2, -0.1, -0.1 - 0.3 * np.log2(1.5)]
+    for one, two, more in zip(before, after, expected, strict=True):
+        np.testing.assert_array_equal(two[:, :2], one[:, :2])
+        np.testing.assert_allclose(two[:, 2] - one[:, 2], more, atol=0.01)
+
+
 def test_its_gradient_in_the_concentration_is_right_where_it_is_narrow():
     """d/d(log kappa) at no error is -1/2 + O(1/kappa): what float32 would lose."""
     log_kappa = torch.full((1,), 20.0, requires_grad=True)

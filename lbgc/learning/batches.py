@@ -14,6 +14,10 @@ from lbgc.sensor.imu import Triad
 class Source(Protocol):
     """What training asks for batches."""
 
+    @property
+    def fresh(self) -> bool:
+        """Whether what is drawn has never been trained on."""
+
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
         """So many windows of so many samples, each from its own recording and offset."""
 
@@ -27,6 +31,7 @@ class Stored:
     """(R,), whose sensor each is of: mixed are recordings of one."""
     config: AugmentConfig
     gyro: Triad
+    fresh: bool = False
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
         rows = rng.integers(len(self.recordings), size=count)

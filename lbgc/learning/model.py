@@ -23,6 +23,8 @@ CONSTANTS = 3
 OUTPUTS = {"sincos": 2, "degrees": 1, "vonmises": 3}
 RECURRENT = {"lstm": nn.LSTM, "gru": nn.GRU, "rnn": nn.RNN}
 MOMENTS = 4
+LENGTHS = 16
+"""Window lengths of 1, 2, 4... samples, between which what tempers the concentration is linear."""
 _LOG_KAPPA = (-10.0, 25.0)
 _NODES = 256
 
@@ -96,11 +98,14 @@ class HeadingNet(nn.Module):
 
     scale: Tensor
     gain: Tensor
+    tempering: Tensor
 
     def __init__(self, config: ModelConfig):
         super().__init__()
         self.config = config
         outputs = OUTPUTS[config.output]
+        if config.output == "vonmises":
+            self.register_buffer("tempering", torch.zeros(LENGTHS))
         if config.cell == "pool":
             self.pool = _Pool(config, outputs)
         else:
@@ -130,6 +135,7 @@ class HeadingNet(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """x : (W, T, C). Returns the raw output: (W, 2) sine and cosine, (W, 1) degrees, or
         (W, 3) sine, cosine and logarithm of the concentration."""
+        length = (x[0, :, 0] * 0 + 1).sum()
         if self.config.base is not None:
             x = torch.where(self.gain, x / self.scale, x)  # (W, T, C): errors of about 1
         if self.config.cell == "pool":
@@ -137,7 +143,22 @@ class HeadingNet(nn.Module):
         else:
             h = self._ends(x)  # (2 layers, W, H): the last layer's two ends are the last two
             raw = self.forward_head(h[-2]) + self.backward_head(h[-1])  # (W, outputs)
-        return raw if self.config.base is None else self._corrected(raw + self.skip(moments(x)))
+        if self.config.base is not None:
+            raw = self._corrected(raw + self.skip(moments(x)))
+        return self._tempered(raw, length) if self.config.output == "vonmises" else raw
+
+    def _tempered(self, raw: Tensor, length: Tensor) -> Tensor:
+        """The concentration's logarithm less or more by what calibration found at this length."""
+        nodes = torch.arange(LENGTHS, device=raw.device, dtype=raw.dtype)
+        between = torch.clamp(1 - torch.abs(torch.log2(length) - nodes), min=0)  # (LENGTHS,)
+        more = (between * self.tempering).sum().reshape(1, 1).expand(raw.shape[0], 1)
+        return torch.cat([raw[:, :2], raw[:, 2:] + more], dim=1)
+
+    def temper(self, lengths: np.ndarray, more: np.ndarray) -> None:
+        """Add so much to the concentration's logarithm at windows of these many samples, ascending;
+        in between, in proportion; beyond, as much as at the end."""
+        nodes = np.interp(np.arange(LENGTHS), np.log2(lengths), more)
+        self.tempering += torch.from_numpy(nodes).to(self.tempering)
 
     def _ends(self, x: Tensor) -> Tensor:
         _, state = self.recurrent(x)

@@ -48,6 +48,7 @@ class Streamed:
     arm_m: float
     """From the plate's axis to the IMU, which looks away from it."""
     height_m: float
+    fresh: bool = True
 
     @classmethod
     def of(cls, dataset: Dataset, rows: np.ndarray, recordings: Windows) -> "Streamed":

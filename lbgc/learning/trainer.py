@@ -28,6 +28,10 @@ from lbgc.sensor.imu import ImuModel
 SCHEDULES = ("onecycle", "cosine")
 _SCALES = (1e-5, 0.5)
 _MOST_FOR_SCALE = 1000
+_FRESH = 16_000
+"""Windows of each length that tell a sigma to 0.6%."""
+_KNOWN = 0.05
+"""1 sigma of how wrong the logarithm of a trained network's sigma is thought to be beforehand."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,8 @@ class Trainer:
                 if self.step % self.plan.checkpoint_every == 0:
                     self._keep(file)
                 bar.update()
+        if self.plan.model.output == "vonmises":
+            self._temper()
 
     def _finished(self) -> bool:
         if self.step >= self.plan.steps:
@@ -196,6 +202,35 @@ class Trainer:
         all_of = float(np.sqrt(np.mean(np.square(list(errors.values())))))
         likely = self.plan.model.output == "vonmises"
         return {**errors, "all": all_of, "score": float(np.mean(losses)) if likely else all_of}
+
+    @torch.inference_mode()
+    def _temper(self) -> None:
+        """At each window length, the change of the concentration's logarithm that makes held-out
+        windows likeliest: fresh ones where they can be drawn, else the validation split's.
+
+        A prior of _KNOWN keeps few windows from doing more harm than good.
+        """
+        self.net.load_state_dict(self.best)
+        self.net.eval()
+        rng = streams.training(self.plan.seed, 0)  # steps begin at 1
+        changes = torch.linspace(-1.0, 1.0, 401, dtype=torch.float64, device=self.device)
+        lengths, found = [], []
+        for (_, x, reference_deg), steps in zip(
+            self.validation, self.plan.windows_steps.values(), strict=True
+        ):
+            if self.source.fresh:
+                x, reference_deg = self._tensors(self.source.draw(rng, _FRESH, steps))
+            raw = self.net(x)
+            heading, log_kappa = self.net.heading_deg(raw), self.net.log_kappa(raw).double()
+            against = (changes / 2 / _KNOWN) ** 2 / 2 / len(x)
+            own = self.plan.reference_sigma
+            losses = [loss.von_mises_nll(reference_deg, heading, log_kappa + c, own)
+                      for c in changes]  # fmt: skip
+            lengths.append(steps)
+            found.append(float(changes[int(torch.argmin(torch.stack(losses) + against))]))
+        order = np.argsort(lengths)
+        self.net.temper(np.array(lengths)[order], np.array(found)[order])
+        self.best = copy.deepcopy(self.net.state_dict())
 
     def _counters(self) -> dict[str, Any]:
         return {
