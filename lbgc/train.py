@@ -30,6 +30,7 @@ from lbgc.learning.batches import Source, Stored
 from lbgc.learning.description import DESCRIPTION, FORMAT
 from lbgc.learning.estimator import SHORTEST_WINDOW_S, WEIGHTS, load_net
 from lbgc.learning.model import ModelConfig, parameter_count
+from lbgc.learning.randomise import RandomiseConfig, Randomised
 from lbgc.learning.stream import Streamed
 from lbgc.learning.trainer import SCHEDULES, Plan, Trainer
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
@@ -74,6 +75,7 @@ class TrainConfig:
     """Of the network's first weights and the order of windows."""
     model: ModelConfig = field(default_factory=ModelConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
+    randomise: RandomiseConfig = field(default_factory=RandomiseConfig)
 
     def __post_init__(self) -> None:
         require(bool(self.data), "data", self.data, "must be a dataset's path")
@@ -142,6 +144,8 @@ def main(config: TrainConfig) -> Path:
     else:
         units = dataset.label("unit")[dataset.in_split("train")]
         source = Stored(train, units, config.augment, imu.gyro)
+    if config.randomise.is_on:
+        source = Randomised(source, config.randomise, imu)
     plan = config.plan(train.duration_s, dataset.configuration["scene"]["reference_error_deg"])
     trainer = Trainer(plan, source, train, validation, imu)
 

@@ -18,7 +18,7 @@ from lbgc.errors import InputError
 from lbgc.estimators.level import level
 from lbgc.estimators.static import mean
 from lbgc.frames import euler_to_matrix, rotation_z, wrap
-from lbgc.learning.augment import AugmentConfig, _earth_rate, augment
+from lbgc.learning.augment import AugmentConfig, augment, earth_in_body
 from lbgc.learning.batches import Stored
 from lbgc.learning.description import FORMAT, Description
 from lbgc.learning.estimator import Learned, load_net
@@ -108,7 +108,7 @@ def test_a_turning_plates_recording_is_turned_as_a_whole(tmp_path, protocol):
                     duration_s=40.0, output="means", mean_s=1.0, split=[1, 0, 0])  # fmt: skip
     windows = stack(made.records(np.arange(2)), 1.0)
     windows = replace(windows, heading_reference=windows.heading)
-    one, two = (_earth_rate(windows.rows(slice(i, i + 1)), windows.heading[i : i + 1])
+    one, two = (earth_in_body(windows.rows(slice(i, i + 1)), windows.heading[i : i + 1])
                 for i in (0, 1))  # fmt: skip
     difference = windows.gyro[1] - windows.gyro[0]
     travel = np.abs(np.diff(windows.plate_angle[0], prepend=0.0))
@@ -373,6 +373,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "seed": "seed=2",
         "model": "model.hidden=8",
         "augment": "augment.rotate=false",
+        "randomise": "randomise.noise=1",
     }
     assert set(changes) == {f.name for f in fields(TrainConfig)}
     for field, option in changes.items():

@@ -62,7 +62,7 @@ def augment(
         if config.form == "literal":
             rates = rates @ rotation_z(d)  # row vectors: C_nb(d)' applied to each
         else:
-            rates += _earth_rate(windows, reference + d) - _earth_rate(windows, reference)
+            rates += earth_in_body(windows, reference + d) - earth_in_body(windows, reference)
         reference, truth = reference + d, truth + d
     if config.run_bias > 0:
         bias = rng.standard_normal((len(windows), 1, 3)) * gyro.bias_run
@@ -80,9 +80,9 @@ def mix(several: Sequence[Windows], rng: np.random.Generator) -> Windows:
     first = several[0]
     share = rng.uniform(-np.pi, np.pi, len(first)) + 2 * np.pi / MIXED * np.arange(MIXED)[:, None]
     weights = (1 + 2 * np.cos(share)) / MIXED  # (3, W): sum 1, sum of squares 1
-    left = [own.gyro - _earth_rate(own, own.heading_reference) for own in several]
+    left = [own.gyro - earth_in_body(own, own.heading_reference) for own in several]
     mixed = replace(first, accel=_sum(weights, [own.accel for own in several]))
-    earth = _earth_rate(mixed, mixed.heading_reference)
+    earth = earth_in_body(mixed, mixed.heading_reference)
     return replace(mixed, gyro=_sum(weights, left) + earth)
 
 
@@ -91,7 +91,7 @@ def _sum(weights: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(sum(w[:, None, None] * v for w, v in zip(weights, values, strict=True)))
 
 
-def _earth_rate(windows: Windows, heading: np.ndarray) -> np.ndarray:
+def earth_in_body(windows: Windows, heading: np.ndarray) -> np.ndarray:
     """In the body, (W, T, 3), at the level that the accelerometers tell: an error of theirs takes
     part in no difference of two headings, and in a mixture it is that of the mixed ones."""
     angle = windows.plate_angle

@@ -1,0 +1,99 @@
+"""Domain randomisation: training windows of sensors and places that differ from the dataset's, so
+that a network does not lean on what its user's own sensor and place may not be like.
+
+Only what training is given is varied; validation, and all evaluation, is of the dataset as it is.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.earth import normal_gravities
+from lbgc.errors import require, require_not_negative
+from lbgc.learning.augment import earth_in_body
+from lbgc.learning.batches import Source
+from lbgc.sensor.imu import ImuModel
+from lbgc.sensor.noise import Sinusoid
+from lbgc.units import factor
+
+
+@dataclass(frozen=True)
+class RandomiseConfig:
+    """How far training may go from the dataset; nowhere, unless asked."""
+
+    latitude: tuple[float, ...] | None = None
+    """[low, high] in degrees, from which each batch draws its own; null: the dataset's."""
+    noise: float = 0.0
+    """Most in-run noise that a window may have on top, as a share of the sensor's own (1 sigma)."""
+    run_bias: float = 0.0
+    """Most run bias on top, likewise."""
+    vibration_deg_per_h: float = 0.0
+    """Largest amplitude of a vibration about each axis; each window draws its own."""
+    vibration_hz: tuple[float, ...] = (45.0, 51.0)
+    """[low, high] of its frequency."""
+
+    def __post_init__(self) -> None:
+        require_not_negative(self, "noise", "run_bias", "vibration_deg_per_h")
+        for name, most in (("latitude", 89.0), ("vibration_hz", np.inf)):
+            ends = getattr(self, name)
+            if ends is not None:
+                good = len(ends) == 2 and -most <= ends[0] <= ends[1] <= most
+                require(good, name, ends, f"must be [low, high], within {most:g}")
+        require_not_negative(self, "vibration_hz")
+
+    @property
+    def is_on(self) -> bool:
+        return self.latitude is not None or any((self.noise, self.run_bias,
+                                                 self.vibration_deg_per_h))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Randomised:
+    """A source's windows, each varied."""
+
+    source: Source
+    config: RandomiseConfig
+    imu: ImuModel
+    fresh: bool = False
+    """Not of the law that is evaluated on."""
+
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
+        windows = self.source.draw(rng, count, steps)
+        if self.config.latitude is not None:
+            low, high = self.config.latitude
+            windows = moved(windows, float(np.deg2rad(rng.uniform(low, high))))
+        return replace(windows, gyro=windows.gyro + self._more(rng, windows))
+
+    def _more(self, rng: np.random.Generator, windows: Windows) -> np.ndarray:
+        """Errors of the gyro beside those that it has, (W, T, 3)."""
+        count, steps, _ = windows.gyro.shape
+        interval, gyro = 1 / windows.rate_hz, self.imu.gyro
+        share = rng.uniform(0, 1, (3, count, 1, 1))
+        bias = rng.standard_normal((count, 1, 3)) * gyro.bias_run
+        more = self.config.run_bias * share[0] * bias
+        more = np.broadcast_to(more, windows.gyro.shape).copy()
+        if self.config.noise > 0:
+            more += self.config.noise * share[1] * gyro.sample_noise(rng, count, steps, interval)
+        if self.config.vibration_deg_per_h > 0:
+            size = self.config.vibration_deg_per_h * factor("vibration_deg_per_h")
+            low, high = self.config.vibration_hz
+            hz = rng.uniform(low, high)  # of a batch
+            for axis in range(3):
+                phase = rng.uniform(0, 2 * np.pi, (count,))
+                tone = Sinusoid(size, float(hz)).at_phase(phase, steps, interval)
+                more[..., axis] += share[2, :, :, 0] * tone
+        return more
+
+
+def moved(windows: Windows, latitude: float) -> Windows:
+    """The same recordings at another latitude, rad: Earth's rate and gravity are its own.
+
+    Accelerometers' bias leans the level by as much as before, and through it the heading by as much
+    as it did where the windows come from.
+    """
+    there = replace(windows, latitude=np.full(len(windows), latitude))
+    psi = windows.heading_reference
+    change = earth_in_body(there, psi) - earth_in_body(windows, psi)
+    weight = normal_gravities(there.latitude) / normal_gravities(windows.latitude)
+    return replace(there, gyro=windows.gyro + change, accel=windows.accel * weight[:, None, None])
