@@ -7,10 +7,12 @@ Bayes-optimal estimator on the same windows, with a paired 95% interval: to the 
 unit's errors where the network could have learned them, else to the one that is not.
 """
 
+import json
+import os
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,7 @@ from lbgc.estimators.static import mean
 from lbgc.export import ExportConfig
 from lbgc.frames import wrap
 from lbgc.learning import onnx
-from lbgc.learning.estimator import Learned
+from lbgc.learning.estimator import DESCRIPTION, Learned
 from lbgc.report.figures import png
 from lbgc.sensor.imu import ImuModel
 from lbgc.train import TrainConfig
@@ -54,6 +56,11 @@ class Case:
     steps: int
     units: int = 1
     windows_s: tuple[float, ...] = tuple(CASES["windows_s"])
+    tested_on: int = CASES["test_recordings"]
+    mean_s: float = 5.0
+    stream: bool = True
+    power_ups: bool = False
+    """Each recording is one of its own."""
 
     def dataset(self, part: str, recordings: int, seed: int, unit_seed: int, split: str) -> Dataset:
         units = recordings if self.units > 1 else 1
@@ -62,13 +69,15 @@ class Case:
             *self.options,
             f"out={DIRECTORY}/data/{self.name}_{part}.zarr",
             "output=means",
-            "mean_s=5",
+            f"mean_s={self.mean_s:g}",
+            *([] if self.stream else ["cluster=local", f"cluster.workers={os.cpu_count()}"]),
             f"recordings={recordings}",
             f"seed={seed}",
             f"unit_seed={unit_seed}",
             f"units={units}",
             f"split={split}",
             *(["split_by=unit"] if units > 1 else []),
+            *([f"sessions={recordings}"] if self.power_ups else []),
         )
         return Dataset.open_finished(sim.generate.main(config))
 
@@ -78,14 +87,14 @@ class Case:
                             CASES["unit_seed"], "[90,10,0]")  # fmt: skip
         lengths = ",".join(f"{w:g}" for w in self.windows_s)
         options = (f"data={data.place}", f"experiment={CASES['experiment']}",
-                   f"steps={self.steps}", f"windows_s=[{lengths}]")  # fmt: skip
-        started = time.perf_counter()
+                   f"steps={self.steps}", f"windows_s=[{lengths}]", f"mean_s={self.mean_s:g}",
+                   f"stream={str(self.stream).lower()}")  # fmt: skip
         run = lbgc.train.main(composed(TrainConfig, "train", *options))
-        return Learned.load(run), (time.perf_counter() - started) / 60, run
+        return Learned.load(run), json.loads((run / DESCRIPTION).read_text())["seconds"] / 60, run
 
     def tested(self) -> "Tested":
         other = CASES["unit_seed"] + (1000 if self.units > 1 else 0)
-        count = CASES["test_recordings"]
+        count = self.tested_on
         data = self.dataset("test", count, CASES["seed"] + 1, other, "[0,0,1]")
         every = np.arange(len(data))
         config = composed(sim.generate.GenerateConfig, "generate", "protocol=static", *self.options)
@@ -118,7 +127,7 @@ class Calibration:
     """Do intervals hold as often as they say, by window length and third of stated sigma?"""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[str, float, float, int]] = []
+        self.rows: list[tuple[str, float, float, float]] = []
 
     def add(
         self,
@@ -128,24 +137,43 @@ class Calibration:
         windows_s: Sequence[float] = tuple(CASES["windows_s"]),
     ) -> None:
         for window in windows_s:
-            windows = joined([cut(record, window) for record in tested.records])
+            cuts = [cut(record, window) for record in tested.records]
+            pick = np.unique(np.linspace(0, len(cuts[0]) - 1, CASES["calibration_windows"]).round())
+            windows = joined([own.rows(pick.astype(int)) for own in cuts])
+            recording = np.repeat(np.arange(len(cuts)), len(pick))
             found = learned(windows)
             z = np.abs(wrap(found.heading - windows.heading)) / found.sigma
             order = np.argsort(found.sigma, kind="stable")
             for third, part in enumerate((order, *np.array_split(order, 3))):
                 for level in CASES["calibration_levels"]:
-                    held = float(np.mean(z[part] <= norm.ppf((1 + level) / 2)))
+                    inside = z[part] <= norm.ppf((1 + level) / 2)
                     which = "all" if third == 0 else f"third {third}"
-                    self.rows.append((f"{name}, {window:g} s, {which}", level, held, len(part)))
+                    error = _clustered_error(inside, recording[part])
+                    held = float(np.mean(inside))
+                    self.rows.append((f"{name}, {window:g} s, {which}", level, held, error))
 
     def report(self, report: Report) -> None:
         worst = max(self.rows, key=lambda row: abs(row[2] - row[1]))
         report.line()
-        report.line("calibration: share of errors inside the stated 50, 90, 95% intervals")
+        report.line("calibration: share of errors inside the stated 50, 90, 95% intervals, and "
+                    "their sampling error (1 sigma)")  # fmt: skip
         for row in sorted(self.rows, key=lambda r: -abs(r[2] - r[1]))[:12]:
-            report.line(f"  {row[0]:40s} {row[1]:.0%}: {row[2]:.2%} of {row[3]}")
+            report.line(f"  {row[0]:40s} {row[1]:.0%}: {row[2]:.2%} +- {row[3]:.2%}")
+        rng = np.random.default_rng(CASES["seed"])
+        errors = np.array([row[3] for row in self.rows])
+        chance = np.abs(errors * rng.standard_normal((2000, len(errors)))).max(axis=1)
+        median, most = 100 * np.quantile(chance, [0.5, 0.95])
+        report.line(f"  by sampling alone the worst of {len(errors)} would be {median:.1f} points off "
+                    f"(95%: {most:.1f})")  # fmt: skip
+        report.summary["calibration_worst_by_chance_points"] = float(median)
         report.summary["calibration_worst_points"] = 100 * abs(worst[2] - worst[1])
         report.summary["calibration_worst"] = worst[0]
+
+
+def _clustered_error(inside: np.ndarray, recording: np.ndarray) -> float:
+    """Standard error of a share whose recordings, not whose windows, are independent."""
+    sums = np.bincount(recording, inside - inside.mean())
+    return float(np.sqrt(np.sum(sums**2)) / len(inside))
 
 
 def table(
@@ -187,6 +215,7 @@ def by_share(report: Report, minutes: list[float], calibration: Calibration) -> 
             f"share_{share:g}",
             bias(whole * np.sqrt(share), whole * np.sqrt(1 - share)),
             CASES["steps"],
+            tested_on=CASES["calibration_recordings" if share in (0, 1) else "test_recordings"],
         )
         tested, (learned, took, run) = case.tested(), case.trained()
         minutes.append(took)
@@ -244,6 +273,7 @@ def unseen_units(report: Report, minutes: list[float], calibration: Calibration)
         bias(CASES["bias_deg_per_h"], 0.0),
         CASES["steps"],
         units=CASES["train_recordings"],
+        tested_on=CASES["calibration_recordings"],
     )
     tested, (learned, took, _) = case.tested(), case.trained()
     minutes.append(took)
@@ -257,7 +287,8 @@ def unseen_units(report: Report, minutes: list[float], calibration: Calibration)
 def turned(report: Report, minutes: list[float], calibration: Calibration) -> None:
     for protocol in CASES["turned"]:
         case = Case(protocol, (f"protocol={protocol}", *bias(0.0, CASES["bias_deg_per_h"])),
-                    CASES["steps"], windows_s=(240.0,))  # fmt: skip
+                    CASES["steps"], windows_s=(240.0,),
+                    tested_on=CASES["calibration_recordings"])  # fmt: skip
         tested, (learned, took, _) = case.tested(), case.trained()
         minutes.append(took)
         report.line()
@@ -275,22 +306,85 @@ def turned(report: Report, minutes: list[float], calibration: Calibration) -> No
 def presets(report: Report, minutes: list[float]) -> None:
     """The paper's first future question: which class of sensor gains?"""
     report.line()
-    report.line("every preset as its file says, static, 240 s: RMSE, degrees")
-    report.line(
-        "sensor        mean     learned  floor told the unit   learned/floor   learned/mean"
-    )
-    found = {}
+    report.line("every preset as its file says, a power-up each recording, static, 240 s: RMSE, "
+                "degrees")  # fmt: skip
+    report.line(f"{'sensor':12s} {'mean':>10s} {'learned':>10s} {'floor':>10s}   learned over the "
+                "floor told the unit   learned over mean")  # fmt: skip
+    found, bars = {}, {}
     for name in tqdm(CASES["presets"], "presets", leave=False):
-        case = Case(f"preset_{name}", (f"imu={name}",), CASES["preset_steps"])
+        case = Case(f"preset_{name}", (f"imu={name}",), CASES["preset_steps"], power_ups=True)
         tested, (learned, took, _) = case.tested(), case.trained()
         minutes.append(took)
         s = tested.scores(learned, 240.0)
         over = s["learned"].over(s["told"])
         gain = s["learned"].over(s["mean"])
         found[name] = gain.value
-        rmse = "  ".join(f"{s[of].rmse_deg:10.3f}" for of in ("mean", "learned", "told"))
-        report.line(f"{name:12s} {rmse}        {over.value:.3f}           {gain.value:.3f}")
+        bars[name] = [s[of].rmse_deg for of in ("mean", "learned", "told")]
+        rmse = " ".join(f"{value:10.4f}" for value in bars[name])
+        ratios = "   ".join(f"{r.value:.3f} ({r.low:.3f} to {r.high:.3f})" for r in (over, gain))
+        report.line(f"{name:12s} {rmse}   {ratios}")
     report.summary["learned_over_mean_by_preset"] = found
+    (DIRECTORY / "presets.png").write_bytes(png(_by_preset(bars)))
+
+
+def _by_preset(bars: dict[str, list[float]]) -> Figure:
+    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+    axes = figure.add_subplot()
+    at = np.arange(len(bars))
+    looks = (("mean", "#9ecae1", "plain mean"), ("learned", "#08519c", "learned"),
+             ("told", "#27895a", "the floor, told the unit's errors"))  # fmt: skip
+    for i, (_, colour, label) in enumerate(looks):
+        values = [own[i] for own in bars.values()]
+        axes.bar(at + 0.27 * (i - 1), values, 0.25, color=colour, label=label)
+    axes.axhline(180 / np.sqrt(3), color="0.5", linewidth=0.8, linestyle=":")
+    axes.annotate("chance", (len(bars) - 1, 108), color="0.4", fontsize="small", ha="center")
+    axes.set(title="Four minutes at rest: which class of sensor gains?", yscale="log",
+             ylabel="RMSE, degrees", xticks=at, xticklabels=list(bars))  # fmt: skip
+    axes.grid(True, axis="y", color="0.9")
+    axes.legend(fontsize="small")
+    return figure
+
+
+def departures(report: Report, minutes: list[float]) -> None:
+    """What no Gaussian model of the sensor knows of, or no classical estimator is told."""
+    summary = {}
+    for name, own in CASES["departures"].items():
+        case = Case(name, tuple(own["options"]), CASES["departure_steps"], mean_s=own["mean_s"],
+                    windows_s=tuple(own["windows_s"]), stream=own["stream"])  # fmt: skip
+        tested, (learned, took, _) = case.tested(), case.trained()
+        minutes.append(took)
+        report.line()
+        report.line(f"{name}: {own['what']}; RMSE, degrees; ratio to the best classical [95%]")
+        for window in case.windows_s:
+            classical = {n: CLASSICAL[n] for n in own["classical"]}
+            windows = iter([first(tested.records, window)])
+            found = scored(windows, {**classical, "learned": learned}, tested.imu)
+            best = min(classical, key=lambda n: found[n].rmse_deg)
+            over = found["learned"].over(found[best])
+            shown = ", ".join(f"{n} {s.rmse_deg:.3f}" for n, s in found.items())
+            report.line(f"{window:4g} s   {shown}   over {best} {over.value:.4f} "
+                        f"({over.low:.4f} to {over.high:.4f})")  # fmt: skip
+            summary[f"{name}_{window:g}s"] = [over.value, over.low, over.high]
+    report.summary["learned_over_best_classical_by_departure"] = summary
+
+
+def stored_against_streamed(report: Report, minutes: list[float]) -> None:
+    """Training on 2,700 recordings, turned and mixed, and on ones drawn afresh."""
+    case = Case("share_1", bias(CASES["bias_deg_per_h"], 0.0), CASES["steps"],
+                tested_on=CASES["calibration_recordings"])  # fmt: skip
+    tested, learned = case.tested(), {}
+    for stream in (True, False):
+        learned[stream], took, _ = replace(case, stream=stream).trained()
+        minutes.append(took)
+    report.line()
+    ratios = []
+    for window in CASES["windows_s"]:
+        both = {"streamed": learned[True], "stored": learned[False]}
+        found = scored(iter([first(tested.records, window)]), both, tested.imu)
+        ratios.append(found["stored"].over(found["streamed"]))
+    shown = ", ".join(f"{r.value:.4f} ({r.low:.4f} to {r.high:.4f})" for r in ratios)
+    report.line(f"trained on stored recordings over streamed, 10 to 240 s: {shown}")
+    report.summary["stored_over_streamed"] = [r.value for r in ratios]
 
 
 def latency(report: Report, learned: Learned, run: Path, tested: Tested) -> None:
@@ -317,6 +411,8 @@ def main() -> None:
         unseen_units(report, minutes, calibration)
         turned(report, minutes, calibration)
         calibration.report(report)
+        stored_against_streamed(report, minutes)
+        departures(report, minutes)
         presets(report, minutes)
         report.summary["train_minutes_median"] = float(np.median(minutes))
     shutil.rmtree(DIRECTORY / "data")
