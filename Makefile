@@ -12,7 +12,10 @@ ifneq ($(LBGC_REAL_LOGS),)
 export LBGC_REAL_LOGS
 endif
 
-.PHONY: help install demo test check format bench study picture clean
+# SENSOR-PROTOCOL; what a learner can have of each: see lbgc/learning/pretrained.py
+PRETRAINED := sdc500-static sdc500-two_position sdc500-carousel stim300-two_position kvh1775-two_position
+
+.PHONY: help install demo test check format bench study picture pretrained clean
 
 help:
 	@echo "make demo      generate, train, evaluate, report (after the install: two minutes)"
@@ -20,6 +23,7 @@ help:
 	@echo "make check     lint, formatting and types"
 	@echo "make format    put the code into the house style"
 	@echo "make picture   draw the README's pictures, docs/turntable.png and slew.gif, anew"
+	@echo "make pretrained  train the small models that come with the package, lbgc/pretrained/, anew"
 	@echo "make bench     speed against the machine's limits, to outputs/bench/"
 	@echo "make study     every study, to outputs/studies/; make study-NAME: one ($(STUDIES))"
 	@echo "make install   only the environment, in $(VENV)"
@@ -77,6 +81,18 @@ study-%: $(PEERS)
 picture: $(STAMP)
 	$(BIN)/python sim/scene.py out=docs/turntable.png
 	$(BIN)/python sim/scene.py out=docs/slew.gif width=640 height=400
+
+pretrained: $(addprefix pretrained-,$(PRETRAINED))
+
+pretrained-%: $(STAMP)
+	$(BIN)/python sim/generate.py imu=$(word 1,$(subst -, ,$*)) protocol=$(word 2,$(subst -, ,$*)) \
+	  recordings=3000 units=3000 split_by=unit split=[90,10,0] output=means out=outputs/pretrained/$*.zarr
+	$(BIN)/python lbgc/train.py data=outputs/pretrained/$*.zarr experiment=pretrained \
+	  windows_s=$(if $(findstring static,$*),[10$(comma)20$(comma)30$(comma)60$(comma)240],[240])
+	mkdir -p lbgc/pretrained/$*
+	cp outputs/train/latest/model.json outputs/train/latest/model.safetensors lbgc/pretrained/$*/
+
+comma := ,
 
 clean:
 	rm -rf outputs/* .mypy_cache .pytest_cache .ruff_cache

@@ -111,6 +111,8 @@ def main(config: EvaluateConfig) -> Path:
         subject.notes.append(
             f"{learned.name} was trained on simulated recordings of {learned.sensor}"
         )
+    elif config.log is not None:
+        estimators |= _pretrained(config.imu, subject.notes)
     result, evaluation = _evaluate(config, estimators, subject, records, count)
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
@@ -124,6 +126,20 @@ def main(config: EvaluateConfig) -> Path:
     page = write_page(directory / "report.html", result, config.run)
     mark_latest(directory)
     return page
+
+
+def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]:
+    """Models that came with the package and are of this sensor; a note where none is."""
+    from lbgc.learning import pretrained  # PyTorch again
+
+    every = list(pretrained.every())
+    own = [model for model in every if model.sensor == imu]
+    if every and not own:
+        known = ", ".join(dict.fromkeys(model.sensor.name for model in every))
+        whose = "an unknown sensor (say imu=NAME)" if imu is None else imu.name
+        notes.append(f"no pretrained model is of {whose}; there are some of {known}")
+    notes += [f"{model.name}: meant for {model.meant_for}" for model in own]
+    return {model.name: model for model in own}
 
 
 @dataclass(frozen=True)

@@ -210,6 +210,8 @@ def _save(run: Path, config: TrainConfig, dataset: Dataset, trainer: Trainer) ->
         "steps": trainer.step,
         "training": asdict(config),
         "dataset": dataset.identity,
+        "protocol": dataset.configuration["protocol"]["name"],
+        "latitude_deg": config.randomise.latitude or [dataset.configuration["latitude"]] * 2,
         "imu_rate_hz": dataset.configuration["rate_hz"],
         "units": {k: dataset.configuration[k] for k in ("unit_seed", "units", "imu")},
         "seconds": round(trainer.seconds, 1),

@@ -126,7 +126,7 @@ def test_a_turned_window_points_north(dataset):
     np.testing.assert_allclose(east, 0.0, atol=2e-3)  # the sine of the lean's own turn
     north, right = x[..., 0].mean(axis=1), x[..., 4].mean(axis=1)
     np.testing.assert_allclose(right, -np.sin(base) * north, atol=2e-3)
-    np.testing.assert_allclose(x[:, 0, -3], np.sin(base), rtol=1e-6)
+    np.testing.assert_allclose(x[:, 0, -4], np.sin(base), rtol=1e-6)
 
 
 def test_moments_are_legendres():

@@ -15,8 +15,8 @@ class Source(Protocol):
     """What training asks for batches."""
 
     @property
-    def fresh(self) -> bool:
-        """Whether what is drawn has never been trained on."""
+    def fresh(self) -> "Source | None":
+        """A source of windows that are never trained on, of the law that is evaluated on."""
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
         """So many windows of so many samples, each from its own recording and offset."""
@@ -31,7 +31,7 @@ class Stored:
     """(R,), whose sensor each is of: mixed are recordings of one."""
     config: AugmentConfig
     gyro: Triad
-    fresh: bool = False
+    fresh: None = None
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
         rows = rng.integers(len(self.recordings), size=count)

@@ -14,7 +14,7 @@ from lbgc.outputs import UNSEALED, is_sealed, seal
 from lbgc.sensor.datasheet import ImuConfig
 
 DESCRIPTION = "model.json"
-FORMAT = 3
+FORMAT = 4
 """Changes whenever what a run holds would be misread by a version of another number."""
 AGAIN = "train it again: python lbgc/train.py data=PATH"
 _OWN = re.compile(r'"checksum": "([0-9a-f]{64})"')
@@ -41,7 +41,10 @@ class Description:
     best_validation_deg: float
     steps: int
     training: Any
-    dataset: str
+    dataset: str | list[str]
+    protocol: str
+    latitude_deg: list[float]
+    """[low, high] that it was trained at."""
     imu_rate_hz: float
     units: _Units
     seconds: float

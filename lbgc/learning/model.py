@@ -18,8 +18,9 @@ CHANNELS = {"gyro": 3, "accel": 3, "plate": 2}
 """What a model may see, and how many features it makes: the plate's angle as cosine and sine."""
 RESIDUAL_CHANNELS = {"gyro": 5, "accel": 5, "plate": 2}
 """The same of a window turned by its own classical estimate; see lbgc.learning.residual."""
-CONSTANTS = 3
-"""More features of such a window: sine and cosine of the estimate, and the window's length."""
+CONSTANTS = 4
+"""More features of such a window: sine and cosine of the estimate, the window's length, and the
+latitude, by what it makes of Earth's rate."""
 OUTPUTS = {"sincos": 2, "degrees": 1, "vonmises": 3}
 RECURRENT = {"lstm": nn.LSTM, "gru": nn.GRU, "rnn": nn.RNN}
 MOMENTS = 4

@@ -55,8 +55,10 @@ class Randomised:
     source: Source
     config: RandomiseConfig
     imu: ImuModel
-    fresh: bool = False
-    """Not of the law that is evaluated on."""
+
+    @property
+    def fresh(self) -> Source | None:
+        return self.source.fresh
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
         windows = self.source.draw(rng, count, steps)

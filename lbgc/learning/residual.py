@@ -74,7 +74,9 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
     }
     moving = [columns[c]() * used[..., None] for c in config.channels]
     length = np.log2(windows.duration_s / _MINUTE) / 2
-    fixed = np.stack([np.sin(base), np.cos(base), np.full(len(windows), length)], axis=-1)
+    place = np.log2(np.cos(windows.latitude))
+    lengths = np.full(len(windows), length)
+    fixed = np.stack([np.sin(base), np.cos(base), lengths, place], axis=-1)
     held = np.broadcast_to(fixed[:, None], (*angle.shape, fixed.shape[1]))
     return np.concatenate([*moving, held], axis=-1).astype(np.float32)
 

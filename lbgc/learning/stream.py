@@ -48,7 +48,10 @@ class Streamed:
     arm_m: float
     """From the plate's axis to the IMU, which looks away from it."""
     height_m: float
-    fresh: bool = True
+
+    @property
+    def fresh(self) -> "Streamed":
+        return self
 
     @classmethod
     def of(cls, dataset: Dataset, rows: np.ndarray, recordings: Windows) -> "Streamed":

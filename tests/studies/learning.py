@@ -163,8 +163,8 @@ class Calibration:
         errors = np.array([row[3] for row in self.rows])
         chance = np.abs(errors * rng.standard_normal((2000, len(errors)))).max(axis=1)
         median, most = 100 * np.quantile(chance, [0.5, 0.95])
-        report.line(f"  by sampling alone the worst of {len(errors)} would be {median:.1f} points off "
-                    f"(95%: {most:.1f})")  # fmt: skip
+        report.line(f"  by sampling alone the worst of {len(errors)} would be {median:.1f} points "
+                    f"off (95%: {most:.1f})")  # fmt: skip
         report.summary["calibration_worst_by_chance_points"] = float(median)
         report.summary["calibration_worst_points"] = 100 * abs(worst[2] - worst[1])
         report.summary["calibration_worst"] = worst[0]
