@@ -37,7 +37,7 @@ def sweep() -> Iterator[Path]:
     try:
         yield directory
     finally:
-        del os.environ[_VARIABLE]
+        os.environ.pop(_VARIABLE, None)
         shutil.rmtree(directory, ignore_errors=True)
 
 
