@@ -60,7 +60,7 @@ class _Form:
 
 
 @dataclass(frozen=True)
-class _Series:
+class Series:
     alpha: np.ndarray
     """(W, T, 3), m/s, in b0, at the samples' ends"""
     beta: np.ndarray
@@ -105,12 +105,12 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     _check(name, windows)
     bias = np.zeros((len(windows), 3))
     turning, size = _bias_sizes(windows, imu)
-    series = _integrate(windows)
+    series = integrate(windows)
     c_ib0 = _davenport(_centred(series.alpha), _centred(series.beta))
     noise = np.empty(len(windows))
     for again in range(_PASSES):
         if again:
-            series = _integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
+            series = integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
         of_bias = np.einsum("wij,wnjk->wnik", c_ib0, _of_bias(windows, series))[:, :, :2]
         left = (series.beta - np.einsum("wij,wtj->wti", c_ib0, series.alpha))[..., :2]
         every = list(zip(series.beta, left, of_bias, size, bias, strict=True))
@@ -130,7 +130,7 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     elif unknown.max(initial=0.0) > _NO_ANSWER**2:
         about = "is not known, and the plate does not turn enough to tell a gyro's bias from north"
         raise refusal(name, "imu", "", about)
-    series = _integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
+    series = integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
     sigma = np.minimum(np.sqrt(unknown), _UNIFORM)
     return Estimate(_mean_heading(c_ib0, series, windows), sigma)
 
@@ -150,7 +150,7 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.
     return np.sqrt(turning), np.asarray(every)
 
 
-def _of_bias(windows: Windows, series: _Series) -> np.ndarray:
+def _of_bias(windows: Windows, series: Series) -> np.ndarray:
     """Gamma, (W, T, 3, 3): how alpha moves with the gyros' biases."""
     dt = 1 / windows.rate_hz
     before = series.before
@@ -243,13 +243,13 @@ def _check(name: str, windows: Windows) -> None:
 
 def _align(name: str, windows: Windows, imu: ImuModel | None, form: _Form) -> Estimate:
     _check(name, windows)
-    series = _integrate(windows)
+    series = integrate(windows)
     c_ib0 = _davenport(form.of(series.alpha), form.of(series.beta))
     heading = _mean_heading(c_ib0, series, windows)
     return Estimate(heading, _sigma(c_ib0, series, form, windows, imu))
 
 
-def _integrate(windows: Windows) -> _Series:
+def integrate(windows: Windows) -> Series:
     """Attitude by the samples' rotation vectors, velocity by their forces turned half-way."""
     w, n, dt = len(windows), windows.gyro.shape[1], 1 / windows.rate_hz
     angle = windows.gyro * dt
@@ -261,7 +261,7 @@ def _integrate(windows: Windows) -> _Series:
         turned[:, k] = at
     force = windows.accel + np.cross(angle, windows.accel) / 2
     alpha = np.cumsum(np.einsum("wnij,wnj->wni", _before(turned), force), axis=1) * dt
-    return _Series(alpha, _apparent_gravity(windows, n, dt), turned)
+    return Series(alpha, apparent_gravity(windows, n, dt), turned)
 
 
 def _before(turned: np.ndarray) -> np.ndarray:
@@ -270,7 +270,7 @@ def _before(turned: np.ndarray) -> np.ndarray:
     return np.concatenate([none, turned[:, :-1]], axis=1)
 
 
-def _apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:
+def apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:
     """beta, (W, n, 3): minus the integral of gravity, which turns about Earth's axis by Omega t
     in i (Rodrigues' formula, integrated)."""
     t = (np.arange(n) + 1.0) * dt
@@ -302,7 +302,7 @@ def _davenport(alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
     return np.asarray(Rotation.from_quat(np.linalg.eigh(K)[1][..., -1]).as_matrix())
 
 
-def _mean_heading(c_ib0: np.ndarray, series: _Series, windows: Windows) -> np.ndarray:
+def _mean_heading(c_ib0: np.ndarray, series: Series, windows: Windows) -> np.ndarray:
     """Of the body over the window, less the plate's angle: n turns with Earth in i meanwhile."""
     t = (np.arange(series.turned.shape[1]) + 1.0) / windows.rate_hz
     heading = np.empty(len(windows))
@@ -317,7 +317,7 @@ def _mean_heading(c_ib0: np.ndarray, series: _Series, windows: Windows) -> np.nd
 
 
 def _sigma(
-    c_ib0: np.ndarray, series: _Series, form: _Form, windows: Windows, imu: ImuModel | None
+    c_ib0: np.ndarray, series: Series, form: _Form, windows: Windows, imu: ImuModel | None
 ) -> np.ndarray:
     """Of the heading, (W,): the sway's share, and where the sensor is known what it errs by.
 
