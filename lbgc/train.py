@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from lbgc.data.record import whole_multiple
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, stack
+from lbgc.data.windows import Windows, joined, stack
 from lbgc.earth import heading_exists
 from lbgc.errors import (
     InputError,
@@ -26,7 +26,7 @@ from lbgc.errors import (
 )
 from lbgc.learning import board, description
 from lbgc.learning.augment import AugmentConfig
-from lbgc.learning.batches import Source, Stored
+from lbgc.learning.batches import Drawn, Examples, Prepared, Sensed, Source, Stored
 from lbgc.learning.description import DESCRIPTION, FORMAT
 from lbgc.learning.estimator import SHORTEST_WINDOW_S, WEIGHTS, load_net
 from lbgc.learning.model import ModelConfig, parameter_count
@@ -44,8 +44,8 @@ CHECKPOINT = "checkpoint.safetensors"
 class TrainConfig:
     """What `conf/train.yaml` holds."""
 
-    data: str | None = None
-    """The dataset's path."""
+    data: str | list[str] | None = None
+    """The dataset's path, or those of several: of other sensors, latitudes or scenes."""
     stream: bool = False
     """false: train on the stored recordings, augmented. true: draw new ones at every step, by the
     dataset's own sensor model; what is stored is for validation."""
@@ -71,6 +71,9 @@ class TrainConfig:
     """Steps after which a killed training can go on from where it was."""
     tensorboard: bool = False
     """Metrics for TensorBoard too, in the run's directory."""
+    warm_up: int = 0
+    """Steps at first in which a network that states a sigma learns headings alone: without a base
+    it may else find no way but to know nothing."""
     seed: int = 1
     """Of the network's first weights and the order of windows."""
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -85,7 +88,9 @@ class TrainConfig:
         if self.patience is not None:
             require_positive("patience", self.patience)
         require_choice("schedule", self.schedule, SCHEDULES)
-        require_not_negative(self, "seed")
+        require_not_negative(self, "seed", "warm_up")
+        one = len(self.paths) == 1
+        require(one or not self.stream, "stream", True, "draws by one dataset's sensor; give one")
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
             require(
@@ -94,6 +99,10 @@ class TrainConfig:
                 window,
                 f"must be {SHORTEST_WINDOW_S:g} s or more, in whole means of {self.mean_s:g} s",
             )
+
+    @property
+    def paths(self) -> list[str]:
+        return [self.data] if isinstance(self.data, str) else list(self.data or [])
 
     def window_steps(self, window_s: float) -> int | None:
         return whole_multiple(window_s, self.mean_s)
@@ -113,7 +122,7 @@ class TrainConfig:
         for window in sorted(set(self.windows_s) - set(usable)):
             print(f"windows of {window:g} s are left out: the recordings last {longest_s:g} s")
         names = ("model", "steps", "batch", "learning_rate", "schedule", "clip",
-                 "validate_every", "patience", "checkpoint_every", "seed")  # fmt: skip
+                 "validate_every", "patience", "checkpoint_every", "seed", "warm_up")  # fmt: skip
         lengths = {w: self.window_steps(w) or 1 for w in usable}
         return Plan(
             windows_steps=lengths,
@@ -127,27 +136,32 @@ def main(config: TrainConfig) -> Path:
 
     A training that was interrupted goes on, and ends with the weights it would have had.
     """
-    assert config.data is not None
-    dataset = Dataset.open_finished(config.data)
-    content = {**config.content(), "data": dataset.identity, "format": FORMAT}
+    datasets = [Dataset.open_finished(path) for path in config.paths]
+    identity = [dataset.identity for dataset in datasets]
+    told = identity[0] if len(identity) == 1 else identity
+    content = {**config.content(), "data": told, "format": FORMAT}
     run = task_directory("train", fingerprint(content))
     if (run / DESCRIPTION).exists() and _is_whole(run):
         print("this run is already finished")
         mark_latest(run)
         return run
-    train, validation = (_load(dataset, split, config) for split in ("train", "validation"))
-    sensor = build(ImuConfig, dataset.configuration["imu"])
-    imu = sensor.model(float(dataset.configuration["rate_hz"]))
-    source: Source
-    if config.stream:
-        source = Streamed.of(dataset, dataset.in_split("train"), train)
+    train, validation = (_load(datasets, split, config) for split in ("train", "validation"))
+    first = datasets[0].configuration
+    imu = build(ImuConfig, first["imu"]).model(float(first["rate_hz"]))
+    sensed = Sensed(config.model, 1 / config.mean_s, imu)
+    plan = config.plan(train.duration_s, _reference_error_deg(datasets))
+    source: Examples
+    if config.model.sways:
+        source = Prepared.of(sensed, train, plan.windows_steps.values())
     else:
-        units = dataset.label("unit")[dataset.in_split("train")]
-        source = Stored(train, units, config.augment, imu.gyro)
-    if config.randomise.is_on:
-        source = Randomised(source, config.randomise, imu)
-    plan = config.plan(train.duration_s, dataset.configuration["scene"]["reference_error_deg"])
-    trainer = Trainer(plan, source, train, validation, imu)
+        units = _units(datasets)
+        windows: Source = Stored(train, units, config.augment, imu.gyro)
+        if config.stream:
+            windows = Streamed.of(datasets[0], datasets[0].in_split("train"), train)
+        if config.randomise.is_on:
+            windows = Randomised(windows, config.randomise, imu)
+        source = Drawn(windows, sensed)
+    trainer = Trainer(plan, source, sensed, train, validation)
 
     def on_look(history: Sequence[dict[str, float]]) -> None:
         _write_history(run, history)
@@ -155,7 +169,7 @@ def main(config: TrainConfig) -> Path:
             board.write(run / "tensorboard", history[-1])
 
     trainer.run(run / CHECKPOINT, on_look)
-    _save(run, config, dataset, trainer)
+    _save(run, config, first, told, trainer)
     (run / CHECKPOINT).unlink(missing_ok=True)
     mark_latest(run)
     return run
@@ -171,14 +185,22 @@ def _is_whole(run: Path) -> bool:
     return True
 
 
-def _load(dataset: Dataset, split: str, config: TrainConfig) -> Windows:
-    """A split's whole recordings at the model's rate."""
-    indices = dataset.in_split(split)
-    require(len(indices) > 0, "data", config.data, f"has no recordings in its {split} split")
-    records = tqdm(
-        dataset.records(indices), f"reading {split}", len(indices), leave=False, unit="rec"
-    )
-    windows = stack(records, 1 / config.mean_s)
+def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Windows:
+    """A split's whole recordings at the model's rate; every sample, where the model takes them."""
+    parts: list[Windows] = []
+    for path, dataset in zip(config.paths, datasets, strict=True):
+        indices = dataset.in_split(split)
+        require(len(indices) > 0, "data", path, f"has no recordings in its {split} split")
+        records = tqdm(
+            dataset.records(indices), f"reading {split}", len(indices), leave=False, unit="rec"
+        )
+        rate = dataset.rate_hz if config.model.sways else 1 / config.mean_s
+        windows = stack(records, rate)
+        first = parts[0] if parts else windows
+        alike = (windows.rate_hz, windows.duration_s) == (first.rate_hz, first.duration_s)
+        require(alike, "data", path, "differs from the first one in rate or duration")
+        parts.append(windows)
+    windows = joined(parts)
     require(
         bool(heading_exists(windows.latitude).all()),
         "data",
@@ -188,12 +210,30 @@ def _load(dataset: Dataset, split: str, config: TrainConfig) -> Windows:
     return windows
 
 
+def _units(datasets: Sequence[Dataset]) -> np.ndarray:
+    """Whose sensor each training recording is of, numbered through all datasets."""
+    units: list[np.ndarray] = []
+    for dataset in datasets:
+        before = 1 + max((int(part.max()) for part in units), default=-1)
+        units.append(before + dataset.label("unit")[dataset.in_split("train")])
+    return np.concatenate(units)
+
+
+def _reference_error_deg(datasets: Sequence[Dataset]) -> float:
+    errors = [float(d.configuration["scene"]["reference_error_deg"]) for d in datasets]
+    same = len(set(errors)) == 1
+    require(same, "data", errors, "differ in scene.reference_error_deg: a sigma needs one")
+    return errors[0]
+
+
 def _write_history(run: Path, history: Sequence[dict[str, float]]) -> None:
     lines = [",".join(history[0]), *(",".join(f"{v:.9g}" for v in row.values()) for row in history)]
     write_atomically(run / "history.csv", "\n".join(lines) + "\n")
 
 
-def _save(run: Path, config: TrainConfig, dataset: Dataset, trainer: Trainer) -> None:
+def _save(
+    run: Path, config: TrainConfig, of_data: dict, told: str | list[str], trainer: Trainer
+) -> None:
     """Everything of a run; the description last, since it says that the run is whole."""
     history = trainer.history
     loss_curve(history).savefig(run / "loss.png", dpi=150)
@@ -204,16 +244,16 @@ def _save(run: Path, config: TrainConfig, dataset: Dataset, trainer: Trainer) ->
     said = {
         "model": asdict(config.model),
         "rate_hz": 1 / config.mean_s,
-        "sensor": dataset.configuration["imu"]["name"],
+        "sensor": of_data["imu"]["name"],
         "parameters": parameter_count(trainer.net),
         "best_validation_deg": kept["all"],
         "steps": trainer.step,
         "training": asdict(config),
-        "dataset": dataset.identity,
-        "protocol": dataset.configuration["protocol"]["name"],
-        "latitude_deg": config.randomise.latitude or [dataset.configuration["latitude"]] * 2,
-        "imu_rate_hz": dataset.configuration["rate_hz"],
-        "units": {k: dataset.configuration[k] for k in ("unit_seed", "units", "imu")},
+        "dataset": told,
+        "protocol": of_data["protocol"]["name"],
+        "latitude_deg": latitudes,
+        "imu_rate_hz": of_data["rate_hz"],
+        "units": {k: of_data[k] for k in ("unit_seed", "units", "imu")},
         "seconds": round(trainer.seconds, 1),
     }
     write_atomically(run / DESCRIPTION, description.compose(said, stored))

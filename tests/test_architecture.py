@@ -65,7 +65,8 @@ ROOMS = {
     "omegaconf": {"lbgc/errors.py", "lbgc/configs.py"},
     "yaml": {"lbgc/configs.py"},
     "allantools": {"lbgc/sensor/allan.py"},
-    "torch": {"lbgc/learning/model.py", "lbgc/learning/loss.py", "lbgc/learning/estimator.py",
+    "torch": {"lbgc/learning/model.py", "lbgc/learning/filter.py", "lbgc/learning/loss.py",
+              "lbgc/learning/estimator.py",
               "lbgc/learning/trainer.py", "lbgc/learning/checkpoint.py",
               "lbgc/learning/onnx.py", "lbgc/learning/board.py"},
 }  # fmt: skip

@@ -367,6 +367,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "validate_every": "validate_every=1",
         "stream": "stream=true",
         "schedule": "schedule=cosine",
+        "warm_up": None,  # of models that state a sigma: tests/test_swaying.py
         "patience": None,  # when training ends: see its own test
         "tensorboard": None,  # who is told, not what is learned
         "checkpoint_every": None,  # what may be lost, not what is learned

@@ -110,7 +110,7 @@ def test_an_untrained_correction_is_none(dataset):
     windows = recordings(dataset)
     for cell in ("pool", "lstm", "gru", "rnn"):
         net = make(replace(POOL, cell=cell), 1)
-        x, base = inputs(net.config, windows, None)
+        x, base = inputs(net.config, windows, windows.rate_hz, None)
         off = net.heading_deg(net(torch.from_numpy(x))).detach()
         np.testing.assert_array_equal(off.numpy(), 0.0)
         np.testing.assert_allclose(wrap(base - mean(windows).heading), 0.0, atol=1e-12)
@@ -120,7 +120,7 @@ def test_a_turned_window_points_north(dataset):
     """The mean rate to the east is zero by the base's making; the body's residual is that of a
     known heading, turned."""
     windows = recordings(dataset)
-    x, base = inputs(POOL, windows, None)
+    x, base = inputs(POOL, windows, windows.rate_hz, None)
     assert x.shape == (len(windows), 12, POOL.features)
     east = x[..., 1].mean(axis=1)
     np.testing.assert_allclose(east, 0.0, atol=2e-3)  # the sine of the lean's own turn

@@ -1,18 +1,98 @@
-"""Where training windows come from: stored recordings, augmented, or recordings drawn afresh."""
+"""Where training examples come from: stored recordings, augmented, or recordings drawn afresh."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from tqdm import tqdm
 
 from lbgc.data.windows import Windows
+from lbgc.frames import wrap
 from lbgc.learning.augment import MIXED, AugmentConfig, augment, mix
-from lbgc.sensor.imu import Triad
+from lbgc.learning.model import ModelConfig
+from lbgc.learning.residual import inputs
+from lbgc.sensor.imu import ImuModel, Triad
+
+
+_AT_ONCE = 5
+"""Recordings whose windows are prepared together"""
+
+
+class Examples(Protocol):
+    """What training asks for batches."""
+
+    @property
+    def fresh(self) -> bool:
+        """Whether it gives what training has not seen, of the law that is evaluated on."""
+
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
+        """So many windows of so many steps of the network: features, (W, T, C) float32, and what is
+        to be found, (W,), rad."""
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """Through which eyes a network sees windows."""
+
+    model: ModelConfig
+    rate_hz: float
+    """of its steps"""
+    imu: ImuModel
+    """what its base weighs by"""
+
+    def examples(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+        """Features, and the reference, all that training may know, less the base's heading."""
+        x, base = inputs(self.model, windows, self.rate_hz, self.imu)
+        off = windows.heading_reference - base
+        return x, off if self.model.base is None else wrap(off)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Features of windows that are drawn anew each time."""
+
+    source: "Source"
+    sensed: Sensed
+
+    @property
+    def fresh(self) -> bool:
+        return self.source.fresh
+
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
+        return self.sensed.examples(self.source.draw(rng, count, steps))
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Windows of recordings whose features take too long to be made more than once."""
+
+    examples: dict[int, tuple[np.ndarray, ...]]
+    """Of all windows of so many steps."""
+    fresh: bool = False
+
+    @classmethod
+    def of(cls, sensed: Sensed, recordings: Windows, lengths: Iterable[int]) -> "Prepared":
+        """Windows that overlap by half."""
+        block = round(recordings.rate_hz / sensed.rate_hz)
+        parts: dict[int, list] = {steps: [] for steps in lengths}
+        with tqdm(total=len(recordings), desc="integrating", leave=False, unit="rec") as bar:
+            for first in range(0, len(recordings), _AT_ONCE):
+                own = recordings.rows(slice(first, first + _AT_ONCE))
+                for steps, found in parts.items():
+                    found.append(sensed.examples(every(own, steps * block, overlap=2)))
+                bar.update(len(own))
+        return cls({n: tuple(map(np.concatenate, zip(*p, strict=True))) for n, p in parts.items()})
+
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
+        x, off = self.examples[steps]
+        pick = rng.integers(len(x), size=count)
+        return x[pick], off[pick]
 
 
 class Source(Protocol):
-    """What training asks for batches."""
+    """Where windows come from."""
 
     @property
     def fresh(self) -> "Source | None":
@@ -88,8 +168,9 @@ def crop(windows: Windows, rows: np.ndarray, starts: np.ndarray, steps: int) -> 
     )
 
 
-def every(windows: Windows, steps: int) -> Windows:
-    """All consecutive windows of this many samples of all rows."""
-    count = windows.gyro.shape[1] // steps
-    rows = np.repeat(np.arange(len(windows)), count)
-    return crop(windows, rows, np.tile(np.arange(count) * steps, len(windows)), steps)
+def every(windows: Windows, steps: int, overlap: int = 1) -> Windows:
+    """All consecutive windows of this many samples of all rows, so many times each sample."""
+    n, hop = windows.gyro.shape[1], max(1, steps // overlap)
+    starts = np.arange(0, n - steps + 1, hop)
+    rows = np.repeat(np.arange(len(windows)), len(starts))
+    return crop(windows, rows, np.tile(starts, len(windows)), steps)

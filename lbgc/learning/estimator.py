@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from safetensors.torch import load
 
-from lbgc.data.windows import Windows, at_rate
+from lbgc.data.windows import Windows
 from lbgc.errors import InputError, build, reading
 from lbgc.estimators.estimate import Estimate
 from lbgc.frames import wrap
@@ -81,8 +81,7 @@ class Learned:
                 "s",
                 f"is shorter than the {SHORTEST_WINDOW_S:g} s that models are trained for",
             )
-        means = at_rate(windows, self.rate_hz)
-        x, base = inputs(self.config, means, self._trained_on)
+        x, base = inputs(self.config, windows, self.rate_hz, self._trained_on)
         self._check_alive(windows)
         heading, sigma = np.empty(len(windows)), np.empty(len(windows))
         for first in range(0, len(windows), _BATCH):
@@ -93,7 +92,8 @@ class Learned:
     def _check_alive(self, windows: Windows) -> None:
         """Raise InputError where a sensor that the network sees gives one and the same number: at
         four samples or more, for two or three may agree by chance, or nought."""
-        seen = ("gyro", "accel") if self.config.base is not None else self.config.channels
+        whole = self.config.base is not None or self.config.sways
+        seen = ("gyro", "accel") if whole else self.config.channels
         for name in ("gyro", "accel"):
             values = getattr(windows, name)
             constant = np.ptp(values, axis=1) == 0.0  # (W, 3)

@@ -12,10 +12,13 @@ from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError, require, require_choice
 from lbgc.estimators import CLASSICAL
+from lbgc.learning import sway
+from lbgc.learning.filter import Filter
 from lbgc.units import STANDARD_GRAVITY
 
-CHANNELS = {"gyro": 3, "accel": 3, "plate": 2}
-"""What a model may see, and how many features it makes: the plate's angle as cosine and sine."""
+CHANNELS = {"gyro": 3, "accel": 3, "plate": 2, "sway": sway.PER_STEP + sway.CONSTANTS}
+"""What a model may see, and how many features it makes: the plate's angle as cosine and sine, a
+base that sways as lbgc.learning.sway says."""
 RESIDUAL_CHANNELS = {"gyro": 5, "accel": 5, "plate": 2}
 """The same of a window turned by its own classical estimate; see lbgc.learning.residual."""
 CONSTANTS = 4
@@ -38,7 +41,8 @@ class ModelConfig:
     """How tables call it."""
     cell: str = "lstm"
     """lstm, gru, rnn: recurrent, in both directions. pool: moments over the window's time, then
-    layers without memory; fast, and enough for errors that are nearly Gaussian."""
+    layers without memory; fast, and enough for errors that are nearly Gaussian. filter: weights of
+    such moments, chosen by how a base sways; for the channel sway alone."""
     layers: int = 2
     """Of the cell."""
     hidden: int = 24
@@ -56,7 +60,7 @@ class ModelConfig:
         for name, most in (("layers", 64), ("hidden", 4096)):
             value = getattr(self, name)
             require(1 <= value <= most, name, value, f"must be from 1 to {most}")
-        require_choice("cell", self.cell, (*RECURRENT, "pool"))
+        require_choice("cell", self.cell, (*RECURRENT, "pool", "filter"))
         require_choice("output", self.output, list(OUTPUTS))
         for channel in self.channels:
             require_choice("channels", channel, list(CHANNELS))
@@ -64,10 +68,22 @@ class ModelConfig:
         require(unique, "channels", self.channels, "must name each channel once, at least one")
         if self.base is not None:
             require_choice("base", self.base, list(CLASSICAL))
+        both = ("sway" in self.channels) == (self.cell == "filter")
+        require(
+            both, "cell", self.cell, "is what the channel sway takes: cell=filter, and no other"
+        )
+        if self.sways:
+            require(self.channels == ["sway"], "channels", self.channels, "has sway beside others")
+            require_choice("output", self.output, ("sincos", "vonmises"))
+
+    @property
+    def sways(self) -> bool:
+        """Whether it takes samples of a base that sways, not means of one that rests."""
+        return "sway" in self.channels
 
     @property
     def features(self) -> int:
-        if self.base is None:
+        if self.base is None or self.sways:
             return sum(CHANNELS[c] for c in self.channels)
         return sum(RESIDUAL_CHANNELS[c] for c in self.channels) + CONSTANTS
 
@@ -107,6 +123,10 @@ class HeadingNet(nn.Module):
         outputs = OUTPUTS[config.output]
         if config.output == "vonmises":
             self.register_buffer("tempering", torch.zeros(LENGTHS))
+        if config.cell == "filter":
+            corrects = config.base is not None
+            self.filter = Filter(config.hidden, config.layers, outputs, corrects)
+            return
         if config.cell == "pool":
             self.pool = _Pool(config, outputs)
         else:
@@ -137,6 +157,9 @@ class HeadingNet(nn.Module):
         """x : (W, T, C). Returns the raw output: (W, 2) sine and cosine, (W, 1) degrees, or
         (W, 3) sine, cosine and logarithm of the concentration."""
         length = (x[0, :, 0] * 0 + 1).sum()
+        if self.config.cell == "filter":
+            raw = self.filter(x)  # (W, outputs)
+            return self._tempered(raw, length) if self.config.output == "vonmises" else raw
         if self.config.base is not None:
             x = torch.where(self.gain, x / self.scale, x)  # (W, T, C): errors of about 1
         if self.config.cell == "pool":

@@ -10,15 +10,17 @@ that always stays with the body moves the heading by a function of it.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Windows, at_rate
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix, wrap
+from lbgc.learning import sway
 from lbgc.learning.model import ModelConfig, features
 from lbgc.sensor.imu import ImuModel
 
@@ -29,19 +31,27 @@ _MINUTE = 60.0
 
 
 def inputs(
-    config: ModelConfig, windows: Windows, imu: ImuModel | None
+    config: ModelConfig, windows: Windows, rate_hz: float, imu: ImuModel | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A network's features, float32 (W, T, C), and the headings that it corrects, (W,), rad: zero
-    without a base. imu : the sensor, which some bases weigh by.
+    """A network's features, float32 (W, T, C), at its own rate, and the headings that it corrects,
+    (W,), rad: zero without a base. imu : the sensor, which some bases weigh by.
 
-    Raises InputError where a value is not finite, or where the base refuses the windows.
+    Raises InputError where a value is not finite, where the windows' rate is no whole multiple of
+    the network's, or where the base refuses the windows.
     """
-    if config.base is None:
-        return features(config, windows), np.zeros(len(windows))
+    if not config.sways:
+        windows = at_rate(windows, rate_hz)
+        if config.base is None:
+            return features(config, windows), np.zeros(len(windows))
     finite = all(np.isfinite(v).all() for v in (windows.gyro, windows.accel, windows.plate_angle))
     if not finite:
         raise InputError("window", "not finite", "", "every value must be a finite number")
-    base = base_heading(config.base, windows, imu)
+    name = config.base
+    if config.sways:
+        corrected = None if name is None else partial(base_heading, name, imu=imu)
+        return sway.inputs(windows, rate_hz, corrected)
+    assert name is not None
+    base = base_heading(name, windows, imu)
     return _features(config, windows, base), base
 
 

@@ -17,13 +17,10 @@ from tqdm import tqdm
 
 from lbgc.data.windows import Windows
 from lbgc.errors import reading
-from lbgc.frames import wrap
 from lbgc.learning import checkpoint, loss
-from lbgc.learning.batches import Source, every
+from lbgc.learning.batches import Examples, Sensed, every
 from lbgc.learning.model import ModelConfig, make
-from lbgc.learning.residual import inputs
 from lbgc.sensor import streams
-from lbgc.sensor.imu import ImuModel
 
 SCHEDULES = ("onecycle", "cosine")
 _SCALES = (1e-5, 0.5)
@@ -51,6 +48,8 @@ class Plan:
     """Looks at the validation split without a better one, after which training ends."""
     checkpoint_every: int
     seed: int
+    warm_up: int
+    """Steps at first in which a network that states a sigma learns headings alone."""
     reference_sigma: float
     """rad, the error of the headings that it is told, 1 sigma: no part of a stated sigma."""
 
@@ -59,19 +58,20 @@ class Trainer:
     """One network's training. What it has learned so far is in `net`, `best` and `history`."""
 
     def __init__(
-        self, plan: Plan, source: Source, stored: Windows, validation: Windows, imu: ImuModel
+        self, plan: Plan, source: Examples, sensed: Sensed, stored: Windows, validation: Windows
     ):
-        """source : of training windows; stored, validation : whole recordings of the two splits."""
-        self.plan, self.source, self.imu = plan, source, imu
+        """source : of training's; stored, validation : whole recordings of the two splits."""
+        self.plan, self.source, self.sensed = plan, source, sensed
         self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.net = make(plan.model, plan.seed)
-        if plan.model.base is not None:
+        if plan.model.base is not None and not plan.model.sways:
             self.net.scale.fill_(self._scale(stored))
         self.net.to(self.device)
         self.optimiser = torch.optim.Adam(self.net.parameters(), lr=plan.learning_rate)
         self.schedule = _schedule(plan, self.optimiser)
+        block = round(validation.rate_hz / sensed.rate_hz)
         self.validation = [
-            (window, *self._tensors(every(validation, steps)))
+            (window, *self._tensors(*sensed.examples(every(validation, steps * block))))
             for window, steps in plan.windows_steps.items()
         ]
         self.step = 0
@@ -148,7 +148,7 @@ class Trainer:
     def _draw(self, step: int) -> tuple[Tensor, Tensor]:
         rng = streams.training(self.plan.seed, step)
         length = self.plan.windows_steps[float(rng.choice(list(self.plan.windows_steps)))]
-        return self._tensors(self.source.draw(rng, self.plan.batch, length))
+        return self._tensors(*self.source.draw(rng, self.plan.batch, length))
 
     def _train(self) -> float:
         x, reference_deg = self.batch()
@@ -161,12 +161,8 @@ class Trainer:
         self.schedule.step()
         return float(value.detach())
 
-    def _tensors(self, windows: Windows) -> tuple[Tensor, Tensor]:
-        """Input and target: the reference, all that training may know, less the base's heading."""
-        x, base = inputs(self.plan.model, windows, self.imu)
-        off = windows.heading_reference - base
-        if self.plan.model.base is not None:
-            off = wrap(off)
+    def _tensors(self, x: np.ndarray, off: np.ndarray) -> tuple[Tensor, Tensor]:
+        """Input and target, degrees."""
         truth = torch.from_numpy(np.rad2deg(off).astype(np.float32))
         return torch.from_numpy(x).to(self.device), truth.to(self.device)
 
@@ -174,12 +170,13 @@ class Trainer:
         """RMS error of the base, rad, on the longest windows of the training split."""
         windows = every(stored, max(self.plan.windows_steps.values()))
         pick = np.arange(len(windows))[:_MOST_FOR_SCALE]
-        _, base = inputs(self.plan.model, windows.rows(pick), self.imu)
-        error = wrap(base - windows.heading_reference[pick])
+        _, error = self.sensed.examples(windows.rows(pick))
         return float(np.clip(np.sqrt(np.mean(error**2)), *_SCALES))
 
     def _loss(self, raw: Tensor, reference_deg: Tensor) -> Tensor:
         heading, output = self.net.heading_deg(raw), self.plan.model.output
+        if output == "vonmises" and self.net.training and self.step <= self.plan.warm_up:
+            return loss.vector_mse(reference_deg, raw[:, :2])
         if output == "vonmises":
             own = self.plan.reference_sigma
             return loss.von_mises_nll(reference_deg, heading, self.net.log_kappa(raw), own)
