@@ -91,6 +91,11 @@ class TrainConfig:
         require_not_negative(self, "seed", "warm_up")
         one = len(self.paths) == 1
         require(one or not self.stream, "stream", True, "draws by one dataset's sensor; give one")
+        still = not (self.model.sways and (self.stream or self.randomise.is_on))
+        about = (
+            "takes what is stored: no stream, no randomise; give several datasets"
+        )
+        require(still, "model", self.model.name, about)
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
             require(
@@ -137,9 +142,7 @@ def main(config: TrainConfig) -> Path:
     A training that was interrupted goes on, and ends with the weights it would have had.
     """
     datasets = [Dataset.open_finished(path) for path in config.paths]
-    identity = [dataset.identity for dataset in datasets]
-    told = identity[0] if len(identity) == 1 else identity
-    content = {**config.content(), "data": told, "format": FORMAT}
+    content = {**config.content(), "data": _identity(datasets), "format": FORMAT}
     run = task_directory("train", fingerprint(content))
     if (run / DESCRIPTION).exists() and _is_whole(run):
         print("this run is already finished")
@@ -169,10 +172,15 @@ def main(config: TrainConfig) -> Path:
             board.write(run / "tensorboard", history[-1])
 
     trainer.run(run / CHECKPOINT, on_look)
-    _save(run, config, first, told, trainer)
+    _save(run, config, datasets, trainer)
     (run / CHECKPOINT).unlink(missing_ok=True)
     mark_latest(run)
     return run
+
+
+def _identity(datasets: Sequence[Dataset]) -> str | list[str]:
+    identities = [dataset.identity for dataset in datasets]
+    return identities[0] if len(identities) == 1 else identities
 
 
 def _is_whole(run: Path) -> bool:
@@ -231,9 +239,7 @@ def _write_history(run: Path, history: Sequence[dict[str, float]]) -> None:
     write_atomically(run / "history.csv", "\n".join(lines) + "\n")
 
 
-def _save(
-    run: Path, config: TrainConfig, of_data: dict, told: str | list[str], trainer: Trainer
-) -> None:
+def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: Trainer) -> None:
     """Everything of a run; the description last, since it says that the run is whole."""
     history = trainer.history
     loss_curve(history).savefig(run / "loss.png", dpi=150)
@@ -241,6 +247,8 @@ def _save(
     stored = save(weights)
     write_atomically(run / WEIGHTS, stored)
     kept = min(history, key=lambda row: row["score"])
+    of_data = datasets[0].configuration
+    latitudes = [float(dataset.configuration["latitude"]) for dataset in datasets]
     said = {
         "model": asdict(config.model),
         "rate_hz": 1 / config.mean_s,
@@ -249,9 +257,9 @@ def _save(
         "best_validation_deg": kept["all"],
         "steps": trainer.step,
         "training": asdict(config),
-        "dataset": told,
+        "dataset": _identity(datasets),
         "protocol": of_data["protocol"]["name"],
-        "latitude_deg": latitudes,
+        "latitude_deg": config.randomise.latitude or [min(latitudes), max(latitudes)],
         "imu_rate_hz": of_data["rate_hz"],
         "units": {k: of_data[k] for k in ("unit_seed", "units", "imu")},
         "seconds": round(trainer.seconds, 1),

@@ -15,7 +15,6 @@ from lbgc.learning.model import ModelConfig
 from lbgc.learning.residual import inputs
 from lbgc.sensor.imu import ImuModel, Triad
 
-
 _AT_ONCE = 5
 """Recordings whose windows are prepared together"""
 
@@ -24,8 +23,8 @@ class Examples(Protocol):
     """What training asks for batches."""
 
     @property
-    def fresh(self) -> bool:
-        """Whether it gives what training has not seen, of the law that is evaluated on."""
+    def fresh(self) -> "Examples | None":
+        """Of what is never trained on, of the law that is evaluated on."""
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
         """So many windows of so many steps of the network: features, (W, T, C) float32, and what is
@@ -57,8 +56,8 @@ class Drawn:
     sensed: Sensed
 
     @property
-    def fresh(self) -> bool:
-        return self.source.fresh
+    def fresh(self) -> "Drawn | None":
+        return None if self.source.fresh is None else Drawn(self.source.fresh, self.sensed)
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
         return self.sensed.examples(self.source.draw(rng, count, steps))
@@ -70,7 +69,7 @@ class Prepared:
 
     examples: dict[int, tuple[np.ndarray, ...]]
     """Of all windows of so many steps."""
-    fresh: bool = False
+    fresh: None = None
 
     @classmethod
     def of(cls, sensed: Sensed, recordings: Windows, lengths: Iterable[int]) -> "Prepared":

@@ -216,7 +216,7 @@ class Trainer:
             self.validation, self.plan.windows_steps.values(), strict=True
         ):
             if self.source.fresh is not None:
-                x, reference_deg = self._tensors(self.source.fresh.draw(rng, _FRESH, steps))
+                x, reference_deg = self._tensors(*self.source.fresh.draw(rng, _FRESH, steps))
             raw = self.net(x)
             heading, log_kappa = self.net.heading_deg(raw), self.net.log_kappa(raw).double()
             against = (changes / 2 / _KNOWN) ** 2 / 2 / len(x)

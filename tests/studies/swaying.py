@@ -20,13 +20,14 @@ from tqdm import tqdm
 
 import lbgc.train
 import sim.generate
-from lbgc.data.logs import LogConfig, read
+from lbgc.data.logs import read
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, cut, joined
 from lbgc.errors import InputError, build
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
+from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import rotation_z, wrap
 from lbgc.learning.estimator import DESCRIPTION, Learned
 from lbgc.metrics import Ratio, rmse_ratio
@@ -102,7 +103,7 @@ def sensor(data: Dataset) -> ImuModel:
 
 def real(report: Report, c: Mapping, models: Mapping[str, Learned], imu: ImuModel) -> None:
     try:
-        record = next(read(composed(LogConfig, "log/lasergyro")))
+        record = next(read(composed(EvaluateConfig, "evaluate", "log=lasergyro").log))
     except InputError as error:
         report.line(f"the real log is left out: {error}")
         return
