@@ -14,7 +14,6 @@ from omegaconf import OmegaConf
 from lbgc import configs
 from lbgc.data import logs
 from lbgc.data.logs import LogConfig
-from lbgc.data.store import Dataset
 from lbgc.errors import InputError
 
 CHEAP = {"csv": 60, "recordings": 40, "means": 40, "parquet": 60, "psins": 60, "imu yaml": 30,
@@ -163,7 +162,7 @@ def test_nothing_packed_is_unpacked(tmp_path):
             list(logs.read(LogConfig(path=str(tmp_path / name), reader=reader, latitude=1.0)))
 
 
-def test_a_store_opens_no_codec_that_it_names(benches, monkeypatch):
+def test_a_store_opens_no_codec_that_it_names(benches):
     """Checksums made to fit: the schema alone says what is decoded, and how large it may be."""
     bench = benches["store documents"]
     for target, old, new in (
@@ -171,13 +170,24 @@ def test_a_store_opens_no_codec_that_it_names(benches, monkeypatch):
         ("d.zarr/heading/zarr.json", b'"zarr_format": 3', b'"zarr_format": 2'),
         ("d.zarr/heading/zarr.json", b"[\n    2\n  ]", b"[\n    99999999999\n  ]"),
         ("d.zarr/accel/zarr.json", b"4200", b"4200000000000"),
+        ("d.zarr/manifest/stored/zarr.json", b'"shape"', b'"x": {}, "shape"'),
+        ("d.zarr/gyro/zarr.json", b'"shape"', b'"x": {}, "shape"'),
     ):
         content = bench.reader.files[target]
         assert old in content, target
         (bench.place / target).write_bytes(content.replace(old, new, 1))
         assert bench.reader.reseal is not None
         bench.reader.reseal(bench.place)
-        with pytest.raises(InputError, match=r"is no dataset of this version|beyond repair"):
-            Dataset.open(bench.place / "d.zarr")
+        with pytest.raises(InputError, match=r"is no dataset of this version|is damaged: "):
+            bench.reader.read(bench.place)
         bench.mend()
     assert os.listdir(bench.place) == ["d.zarr"]
+
+
+@pytest.mark.parametrize("text", ["step,all\n1,x\n", "a,b\n1,2\n", "\x00", ""])
+def test_a_damaged_history_is_named(tmp_path, text):
+    from lbgc.report.page import _loss_curve
+
+    (tmp_path / "history.csv").write_text(text)
+    with pytest.raises(InputError, match=r"run = .*history.csv: is damaged"):
+        _loss_curve(tmp_path / "history.csv")

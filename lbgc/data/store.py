@@ -177,9 +177,10 @@ class Dataset:
         return self.layout.rate_hz
 
     def _array(self, name: str) -> zarr.Array:
-        array = self._group[name]
-        assert isinstance(array, zarr.Array)
-        return array
+        with reading("data", self.place, f"is damaged: {name}"):
+            array = self._group[name]
+            assert isinstance(array, zarr.Array)
+            return array
 
     def _read(self, name: str, first: int, end: int) -> np.ndarray:
         """Rows of a variable. Raises InputError where they cannot be decoded."""

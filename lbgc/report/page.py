@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
-from lbgc.errors import build
+from lbgc.errors import build, reading
 from lbgc.metrics import Ratio, Reach, Summary
 from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
@@ -192,8 +192,8 @@ def _pictures(result: Result, run: str | None) -> list[dict]:
         ("Box plots of the errors", figures.png(figures.box_plots(by_name))),
         ("Allan deviation of the data", figures.png(_allan(result.subject))),
     ]
-    if run is not None:
-        drawn.append(("Loss curve", figures.png(figures.loss_curve(_history(Path(run))))))
+    if run is not None and (Path(run) / "history.csv").is_file():
+        drawn.append(("Loss curve", figures.png(_loss_curve(Path(run) / "history.csv"))))
     picture = result.subject.picture
     if picture is not None and picture.is_file():
         drawn.append(("The bench", picture.read_bytes()))
@@ -228,6 +228,8 @@ def _allan(subject: Subject) -> Figure:
     return figures.allan_deviation(taus, measured / DEG * HOUR, model, earth)
 
 
-def _history(run: Path) -> list[dict[str, float]]:
-    with (run / "history.csv").open(newline="") as file:
-        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+def _loss_curve(history: Path) -> Figure:
+    """Of a run's `history.csv`. Raises InputError where it is damaged."""
+    with reading("run", history, "is damaged"):
+        rows = csv.DictReader(history.read_text().splitlines())
+        return figures.loss_curve([{k: float(v) for k, v in row.items()} for row in rows])

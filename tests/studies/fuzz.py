@@ -34,7 +34,7 @@ FORBIDDEN = ("subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.spawn"
              "pty.", "socket.", "urllib.", "ftplib.", "smtplib.", "pickle.", "marshal.",
              "ctypes.")  # fmt: skip
 ONNX = "example.onnx"
-WARMING_UP = 150
+WARMING_UP = 80
 """Files of each kind, of another seed, read first: what libraries load at their first error."""
 
 
