@@ -36,7 +36,10 @@ def brought(arguments: Sequence[str]) -> list[Path]:
 def check_directory(directory: Path) -> None:
     """Raises ValueError, saying which file and why, where Hydra may not read what is there."""
     seen = 0
-    for place, _, names in os.walk(directory):
+    for place, inside, names in os.walk(directory):
+        for name in inside:
+            if Path(place, name).is_symlink():  # not walked into, and Hydra would
+                raise ValueError(f"{Path(place, name)} is a link to a directory")
         for name in sorted(names):
             if not name.endswith(".yaml"):
                 continue

@@ -251,7 +251,7 @@ def _window() -> Windows:
     return cut(mock_record(gyro=MOCK.gyro + noise[0], accel=MOCK.accel + noise[1]), 25.0)
 
 
-def _trainer() -> Trainer:
+def tiny_trainer() -> Trainer:
     plan = Plan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1)
     imu = _IMU.model(600.0)
     source = Stored(_window(), AugmentConfig(), imu.gyro)
@@ -260,10 +260,10 @@ def _trainer() -> Trainer:
 
 def _checkpoint(home: Path) -> Reader:
     file = home / "made.safetensors"
-    _trainer().run(file, lambda _: None)
+    tiny_trainer().run(file, lambda _: None)
 
     def read(home: Path) -> object:
-        trainer = _trainer()
+        trainer = tiny_trainer()
         trainer.run(home / file.name, lambda _: None)
         return hashlib.sha256(save(trainer.net.state_dict()) + save(trainer.best)).hexdigest()
 

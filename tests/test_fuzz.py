@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzzing import EDITS, PLANTS, TOKENS, Bench, edited, readers
+from fuzzing import EDITS, PLANTS, TOKENS, Bench, edited, readers, tiny_trainer
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
@@ -15,6 +15,7 @@ from lbgc import configs
 from lbgc.data import logs
 from lbgc.data.logs import LogConfig
 from lbgc.errors import InputError
+from lbgc.learning import checkpoint
 
 CHEAP = {"csv": 60, "recordings": 40, "means": 40, "parquet": 60, "psins": 60, "imu yaml": 30,
          "log yaml": 30, "checkpoint": 30, "model": 40, "store payload": 8, "store documents": 15,
@@ -114,6 +115,22 @@ def test_configurations_that_could_run_or_grow_are_refused(tmp_path, cli, text, 
     assert "Traceback" not in done.err
 
 
+def test_a_directory_of_configurations_holds_its_own(tmp_path, cli):
+    """No link to another directory, no settings of Hydra's, no pipe."""
+    (tmp_path / "other").mkdir()
+    for name, says in (("imu", "is a link"), ("hydra", "own settings"), ("mine.yaml", "no file")):
+        home = tmp_path / f"of {name}"
+        home.mkdir()
+        if name == "imu":
+            (home / name).symlink_to(tmp_path / "other")
+        elif name == "hydra":
+            (home / name).mkdir()
+            (home / name / "x.yaml").write_text("a: 1")
+        else:
+            os.mkfifo(home / name)
+        assert says in cli("lbgc.bound", f"--config-dir={home}", "imu=mine").err
+
+
 def test_what_hydra_may_be_told_is_taken():
     """A launcher's settings, for a sweep on a cluster."""
     text = "# @package _global_\nhydra: {launcher: {timeout_min: 60}, sweeper: {params: {seed: 1}}}"
@@ -182,6 +199,26 @@ def test_a_store_opens_no_codec_that_it_names(benches):
             bench.reader.read(bench.place)
         bench.mend()
     assert os.listdir(bench.place) == ["d.zarr"]
+
+
+def test_a_checkpoint_of_another_training_is_refused(tmp_path):
+    """Whole, and yet not this network's, or with counters that would be taken for its own."""
+    file = tmp_path / "checkpoint.safetensors"
+    tiny_trainer().run(file, lambda _: None)
+    tensors, said = checkpoint.read(file)
+    for changed in (
+        (tensors | {"net": {}}, said),
+        (tensors | {"optimiser": {f"0{n}": v for n, v in tensors["optimiser"].items()}}, said),
+        (tensors, said | {"step": 3}),
+        (tensors, said | {"history": [1]}),
+        (tensors, said | {"schedule": said["schedule"] | {"optimizer": 1}}),
+        (tensors, {k: v for k, v in said.items() if k != "groups"}),
+    ):
+        checkpoint.write(file, *changed)
+        with pytest.raises(InputError, match="is of another training; delete it to start anew"):
+            tiny_trainer().run(file, lambda _: None)
+    checkpoint.write(file, tensors, said)
+    tiny_trainer().run(file, lambda _: None)
 
 
 @pytest.mark.parametrize("text", ["step,all\n1,x\n", "a,b\n1,2\n", "\x00", ""])
