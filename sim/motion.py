@@ -286,9 +286,12 @@ def _on_moving_floor(executed: Executed, drawn: Draw) -> tuple[Felt, np.ndarray]
     for block in executed.blocks():
         t = (at + np.arange(len(block))) * bench.step
         attitude, place = executed.pose(block)
-        rotation, carried = drawn.floor.motion(t)
-        floor = rotation_matrix(rotation) @ _level(bench, drawn)
-        attitude, place = floor @ attitude, np.einsum("mij,mj->mi", floor, place)
+        floor, carried = _level(bench, drawn), None
+        if any(drawn.floor.moving):
+            rotation, carried = drawn.floor.motion(t)
+            floor = rotation_matrix(rotation) @ floor
+        if any(drawn.floor.moving) or not bench.scene.sway.present:
+            attitude, place = floor @ attitude, (floor @ place[..., None])[..., 0]
         parts.append(kinematics.felt(attitude, place, bench.step, bench.steps, carried))
         ends.append(attitude[1 + bench.steps : -1 : bench.steps])
         at += len(block) - 3

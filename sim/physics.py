@@ -79,13 +79,13 @@ def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) 
     """From rest at this angle at sample `first` until the plate rests again and nothing is
     commanded, or the recording ends."""
     model = load(bench.scene, gravity)
-    state = _state(model, stands)
+    state, pool = _state(model, stands), data_for(model, 1)
     chunk = max(1, round(_CHUNK_S * bench.rate_hz))
     parts, stages, at, settled = [], [], first, False
     while at < bench.samples and not settled:
         count = min(chunk, bench.samples - at)
         control = _servo(model, bench, plan, at * bench.steps, count * bench.steps)
-        states, sensors = roll([model], [state], control[None], threads=1)
+        states, sensors = roll([model], [state], control[None], pool)
         state = states[0, -1]
         speed = np.abs(states[0, :, 1 + model.nq + int(model.joint("azimuth").dofadr[0])])
         driven = (control[:, model.actuator("servo_rate").id] != 0).reshape(count, -1).any(axis=1)
@@ -106,9 +106,7 @@ def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) 
                 f"{_LONGEST_SETTLING_S:.0f} s; damp the servo or the bearing more",
             )
     # Sensors are one step old: two steps more give the end and the instant after it.
-    _, after = roll(
-        [model], [state], _servo(model, bench, plan, at * bench.steps, 2)[None], threads=1
-    )
+    _, after = roll([model], [state], _servo(model, bench, plan, at * bench.steps, 2)[None], pool)
     sensors = np.concatenate([parts[0][:1], *parts, after[0]])
     return Stretch(first, at - first, _poses(model, sensors), np.concatenate(stages))
 
@@ -166,6 +164,7 @@ def execute_swaying(
     two steps after it.
     """
     model = load(bench.scene, gravity)
+    pool = data_for(model, min(threads, len(plans)))
     models = [_standing(model, level) for level in levels]
     lead, total = lead_steps(bench), len(forces[0])
     rigid = replace(bench, scene=replace(bench.scene, sway=SwayConfig()))
@@ -179,7 +178,7 @@ def execute_swaying(
         count = min(size, total - begin)
         control = np.stack([_servo(model, bench, p, begin - lead, count) for p in plans])
         control[:, :, motors] = [f[begin : begin + count] for f in forces]
-        after, sensors = roll(models, states, control, threads)
+        after, sensors = roll(models, states, control, pool)
         states = list(after[:, -1])
         for own, sensed in zip(parts, sensors, strict=True):
             own.append(_poses(model, sensed[max(lead - 1 - begin, 0) :]))
@@ -221,16 +220,22 @@ def roll(
     models: Sequence[mujoco.MjModel],
     states: Sequence[np.ndarray],
     control: np.ndarray,
-    threads: int,
+    pool: Sequence[mujoco.MjData],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """MuJoCo's rollout: each model from its state (s,) under control (r, n, nu), on so many
-    threads.
+    """MuJoCo's rollout: each model from its state (s,) under control (r, n, nu), on as many threads
+    as there are in the pool.
 
     Returns the states after each step (r, n, s) and the sensors before it (r, n, sensors): MuJoCo
     senses, then steps.
     """
-    pool = [mujoco.MjData(models[0]) for _ in range(min(threads, len(states)))]
-    return rollout.rollout(list(models), pool, np.stack(states), np.ascontiguousarray(control))
+    return rollout.rollout(
+        list(models), list(pool), np.stack(states), np.ascontiguousarray(control)
+    )
+
+
+def data_for(model: mujoco.MjModel, threads: int) -> list[mujoco.MjData]:
+    """A pool for `roll`, which takes half a second of physics to make."""
+    return [mujoco.MjData(model) for _ in range(threads)]
 
 
 def _servo(model: mujoco.MjModel, bench: Bench, plan: Plan, first: int, count: int) -> np.ndarray:

@@ -113,11 +113,15 @@ def forces(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) 
         corner = getattr(config, name)
         require(2 * corner * dt < 1, name, corner, f"must be below {0.5 / dt:g}, half the steps'")
     activity = spells(config, rng, steps, dt)
-    agitation = activity * _low_pass_noise(rng, steps, dt, config.agitation_hz, order=2)
+    total = _low_pass_noise(rng, steps, dt, config.agitation_hz, order=2)
     wind = _low_pass_noise(rng, steps, dt, config.wind_hz, order=1)
     shaking = [config.agitation_n] * 3 + [config.agitation_nm] * 3
     blowing = [config.wind_n] * 3 + [config.wind_nm] * 3
-    total = agitation * np.array(shaking)[:, None] + wind * np.array(blowing)[:, None]
+    # In place: these fill tens of megabytes.
+    total *= activity
+    total *= np.array(shaking)[:, None]
+    wind *= np.array(blowing)[:, None]
+    total += wind
     weight, rolling, pitching = _load(config, rng, activity, dt)
     total[2] += config.load_n * weight
     total[3] += config.load_nm[0] * rolling
@@ -186,5 +190,6 @@ def _low_pass_noise(
     warm_up = int(np.ceil(2 / (corner_hz * dt)))  # a dozen time constants
     sos = butter(order, corner_hz, fs=1 / dt, output="sos")
     response = sosfilt(sos, np.r_[1.0, np.zeros(4 * warm_up)])
-    noise = rng.standard_normal((len(JOINTS), warm_up + steps))
-    return sosfilt(sos, noise)[:, warm_up:] / np.sqrt(np.sum(response**2))
+    sos[0, :3] /= np.sqrt(np.sum(response**2))
+    noise = rng.standard_normal((len(JOINTS), warm_up + steps), dtype=np.float32)
+    return sosfilt(sos, noise)[:, warm_up:]

@@ -93,9 +93,9 @@ def test_rests_cost_no_physics_beyond_one_slew():
     stepped = []
     roll = physics.roll
 
-    def counted(models, states, control, threads):
+    def counted(models, states, control, pool):
         stepped.append(control.shape[1])
-        return roll(models, states, control, threads)
+        return roll(models, states, control, pool)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(physics, "roll", counted)

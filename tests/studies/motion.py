@@ -168,7 +168,7 @@ def speed(report: Report) -> None:
         rates = []
         for _ in range(3):
             started = time.perf_counter()
-            physics.roll([model] * 2, states, control, threads=2)
+            physics.roll([model] * 2, states, control, physics.data_for(model, 2))
             rates.append(control.shape[0] * control.shape[1] / (time.perf_counter() - started))
         report.line(f"steps a second, {name}, two threads: {np.median(rates):,.0f}")
         key = "physics_steps_per_s" if name == "rigid" else f"physics_steps_per_s_{name}"
