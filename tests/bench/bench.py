@@ -132,13 +132,14 @@ def rollout(count: int) -> Work:
     block = round(physics._BLOCK_S * config.scene.physics_hz)
     planned = plan(config.protocol, 0, config.duration_s)
     control = physics._servo(model, bench, planned, 0, block)[None]
+    pool = physics.data_for(model, 1)
 
     def work() -> None:
         for _ in range(count):
             own = [state]
             for first in range(0, steps, block):
                 part = control[:, : min(block, steps - first)]
-                after, _ = physics.roll([model], own, part, 1)
+                after, _ = physics.roll([model], own, part, pool)
                 own = [after[0, -1]]
 
     return work

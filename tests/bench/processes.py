@@ -34,7 +34,7 @@ def rows(table: Table, home: Path) -> None:
 
 def _speedup(table: Table, home: Path) -> None:
     """Shards done by two workers that are up and running, against one of them."""
-    config = default_config(f"recordings={16 * _SHARDS}")
+    config = default_config(f"recordings={16 * _SHARDS}", "duration_s=60")
     path = str(home / "two.zarr")
     sensor = sim.recordings.Sensor.of(config)
     store.create(path, sim.generate._layout(config, sensor), config.content(), {})
@@ -69,7 +69,7 @@ def _speedup(table: Table, home: Path) -> None:
 
 
 def _draw(_: int) -> None:
-    floor(10_000_000)[0]()
+    floor(5_000_000)[0]()
 
 
 def _memory(table: Table) -> None:
