@@ -90,7 +90,12 @@ def _by_processes(
                 child.terminate()
             raise
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            try:
+                pool.shutdown(wait=True, cancel_futures=True)
+            except KeyboardInterrupt:  # after the last shard: else the exit would wait for workers
+                for child in active_children():
+                    child.terminate()
+                raise
 
 
 def _start_worker() -> None:

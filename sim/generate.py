@@ -188,18 +188,22 @@ def _generate(config: GenerateConfig, place: Place, sensor: Sensor) -> None:
     with tqdm(total=total, unit="rec", desc="generating", disable=not shards) as bar:
         if config.cluster.kind == "serial":
             for shard in shards:
-                make_shard(config, where, shard, bar.update)
+                _make(config, dataset, shard, bar.update)
             return
         require(not place.in_memory, "out", place, "is this process's alone: use cluster=serial")
         for shard in cluster.finished(config.cluster, partial(make_shard, config, where), shards):
             bar.update(len(dataset.layout.rows(shard)))
 
 
-def make_shard(
-    config: GenerateConfig, path: str, shard: int, tick: Callable[[], object] = int
+def make_shard(config: GenerateConfig, path: str, shard: int) -> None:
+    """Make a shard of a dataset that was started: a worker's task."""
+    _make(config, store.Dataset.open(path), shard, int)
+
+
+def _make(
+    config: GenerateConfig, dataset: store.Dataset, shard: int, tick: Callable[[], object]
 ) -> None:
-    """Make a shard of a dataset that was started: a worker's task. `tick` hears each recording."""
-    dataset = store.Dataset.open(path)
+    """The same, the dataset open. `tick` hears each recording."""
     rows = dataset.layout.rows(shard)
     batch = {name: dataset.layout.room(name, len(rows)) for name in VARIABLES}
     at = 0
