@@ -91,12 +91,15 @@ def main() -> None:
             one = windows.rows(slice(0, 1))
             times = latency_ms(learned, one), latency_ms(exported(run), one)
             size = learned.config.layers, learned.config.hidden
-            theirs = paper.PARAMETERS[size], paper.LATENCY_MS[size], paper.ERROR_DEG[size]
+            theirs = ("-", "-", "-")
+            if learned.config.cell == "lstm":
+                off = "{:.2f} +- {:.2f}".format(*paper.ERROR_DEG[size])
+                theirs = f"{paper.PARAMETERS[size]}", f"{paper.LATENCY_MS[size]:.2f}", off
             error = float(np.mean(errors)), float(np.std(errors, ddof=1))
             report.line(
-                f"{model:13s} {said['parameters']:10d} {theirs[0]:6d}   {times[0]:7.2f} "
-                f"{times[1]:6.2f} {theirs[1]:6.2f} ms   {error[0]:5.2f} +- {error[1]:.2f} "
-                f"{theirs[2][0]:5.2f} +- {theirs[2][1]:.2f}   {np.median(seconds) / 60:.1f} min"
+                f"{model:13s} {said['parameters']:10d} {theirs[0]:>6s}   {times[0]:7.2f} "
+                f"{times[1]:6.2f} {theirs[1]:>6s} ms   {error[0]:5.2f} +- {error[1]:.2f} "
+                f"{theirs[2]:>13s}   {np.median(seconds) / 60:.1f} min"
             )
             report.summary[model] = {
                 "parameters": said["parameters"],
