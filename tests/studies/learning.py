@@ -32,6 +32,7 @@ from lbgc.data.calibrated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import cut, joined
+from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.information import known
 from lbgc.estimators.static import mean
@@ -315,7 +316,11 @@ def presets(report: Report, minutes: list[float]) -> None:
         case = Case(f"preset_{name}", (f"imu={name}",), CASES["preset_steps"], power_ups=True)
         tested, (learned, took, _) = case.tested(), case.trained()
         minutes.append(took)
-        s = tested.scores(learned, 240.0)
+        try:
+            s = tested.scores(learned, 240.0)
+        except InputError as error:  # the floor refuses where its model does not fit
+            report.line(f"{name:12s} {error}")
+            continue
         over = s["learned"].over(s["told"])
         gain = s["learned"].over(s["mean"])
         found[name] = gain.value
