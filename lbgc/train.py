@@ -92,9 +92,7 @@ class TrainConfig:
         one = len(self.paths) == 1
         require(one or not self.stream, "stream", True, "draws by one dataset's sensor; give one")
         still = not (self.model.sways and (self.stream or self.randomise.is_on))
-        about = (
-            "takes what is stored: no stream, no randomise; give several datasets"
-        )
+        about = "takes what is stored: no stream, no randomise; give several datasets"
         require(still, "model", self.model.name, about)
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
