@@ -36,7 +36,7 @@ from lbgc.errors import CONF, InputError, build, reading
 from lbgc.evaluate import EvaluateConfig
 from lbgc.learning import description
 from lbgc.learning.augment import AugmentConfig
-from lbgc.learning.batches import Stored
+from lbgc.learning.batches import Drawn, Sensed, Stored
 from lbgc.learning.estimator import WEIGHTS, Learned, load_net
 from lbgc.learning.model import ModelConfig, make
 from lbgc.learning.trainer import Plan, Trainer
@@ -252,10 +252,11 @@ def _window() -> Windows:
 
 
 def tiny_trainer() -> Trainer:
-    plan = Plan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1)
+    plan = Plan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1, 0, 0.0)
     imu = _IMU.model(600.0)
-    source = Stored(_window(), AugmentConfig(), imu.gyro)
-    return Trainer(plan, source, _window(), _window(), imu)
+    sensed = Sensed(_MODEL, _window().rate_hz, imu)
+    source = Stored(_window(), np.zeros(len(_window()), int), AugmentConfig(), imu.gyro)
+    return Trainer(plan, Drawn(source, sensed), sensed, _window(), _window())
 
 
 def _checkpoint(home: Path) -> Reader:
@@ -278,7 +279,8 @@ def _model() -> Reader:
     weights = save(make(_MODEL, seed=1).state_dict())
     said = {
         "model": asdict(_MODEL), "rate_hz": 0.2, "sensor": "tiny", "parameters": 100,
-        "best_validation_deg": 1.0, "steps": 2, "training": {"windows_s": [25.0]}, "dataset": "x",
+        "best_validation_deg": 1.0, "steps": 2, "training": {"windows_s": [25.0]}, "dataset": "x", "protocol": "static",
+        "latitude_deg": [32.0, 33.0],
         "imu_rate_hz": 600.0, "seconds": 1.0,
         "units": {"unit_seed": 4, "units": 1, "imu": asdict(_IMU)},
     }  # fmt: skip

@@ -19,6 +19,8 @@ def finished(home, name: str, seed: int, hidden: int, error: float) -> None:
         "model": asdict(model),
         "training": asdict(TrainConfig(data="x", seed=seed, model=model)),
         "dataset": "one",
+        "protocol": "static",
+        "latitude_deg": [32.76, 32.76],
         "rate_hz": 0.2,
         "parameters": 1000 * hidden,
         "best_validation_deg": error,

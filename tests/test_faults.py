@@ -181,7 +181,7 @@ def test_a_schema_has_one_way_of_storing():
                 keys = ("shape", "data_type", "chunk_grid", "chunk_key_encoding", "codecs",
                         "fill_value", "dimension_names", "attributes")  # fmt: skip
                 stored[f"{layout.shard} {name}"] = {key: said.get(key) for key in keys}
-    assert (SCHEMA, fingerprint(stored)) == (3, "f79fc6bc7adb9dfd")
+    assert (SCHEMA, fingerprint(stored)) == (4, "f79fc6bc7adb9dfd")
 
 
 @pytest.mark.parametrize("url", ["memory://test_faults/d.zarr", "file://{}/d.zarr"])

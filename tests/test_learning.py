@@ -305,15 +305,21 @@ def test_a_damaged_or_foreign_run_is_refused(tmp_path, unit_bias_run):
 def test_a_run_of_another_format_is_refused_by_number(tmp_path, unit_bias_run):
     for name in ("model.json", "model.safetensors"):
         (tmp_path / name).write_bytes((unit_bias_run[1] / name).read_bytes())
-    said = (tmp_path / "model.json").read_text().replace('"format": 3', '"format": 2')
+    said = (tmp_path / "model.json").read_text().replace(f'"format": {FORMAT}', '"format": 2')
     (tmp_path / "model.json").write_text(said)
-    with pytest.raises(InputError, match="is of format 2, this version reads 3; train it again"):
+    with pytest.raises(
+        InputError, match=f"is of format 2, this version reads {FORMAT}; train it again"
+    ):
         Learned.load(tmp_path)
 
 
 def test_a_format_has_one_content():
     """Another content is another format: give it the next number, and say so in the CHANGELOG."""
-    kinds = (ModelConfig(), ModelConfig(cell="pool", base="gls", output="vonmises"))
+    kinds = (
+        ModelConfig(),
+        ModelConfig(cell="pool", base="gls", output="vonmises"),
+        ModelConfig(cell="filter", channels=["sway"], output="vonmises"),
+    )
     content = [sorted(f.name for f in fields(kind)) for kind in (Description, ModelConfig)]
     shapes = [{n: list(v.shape) for n, v in make(k, 1).state_dict().items()} for k in kinds]
     assert (FORMAT, fingerprint({"keys": content, "weights": shapes})) == (3, "235fae43a6e056b0")

@@ -76,7 +76,7 @@ def test_tempering_is_of_the_windows_length(dataset):
     """What is added at 4 and at 16 samples is there, half of both in the middle (8), and the end's
     beyond; the heading is as it was."""
     net, windows = make(POOL, 1), recordings(dataset)
-    x = torch.from_numpy(inputs(POOL, windows, None)[0])
+    x = torch.from_numpy(inputs(POOL, windows, windows.rate_hz, None)[0])
     lengths = (2, 4, 8, 12)
     before = [net(x[:, :n]).detach() for n in lengths]
     net.temper(np.array([4, 16]), np.array([0.2, -0.4]))
