@@ -279,8 +279,8 @@ def _model() -> Reader:
     weights = save(make(_MODEL, seed=1).state_dict())
     said = {
         "model": asdict(_MODEL), "rate_hz": 0.2, "sensor": "tiny", "parameters": 100,
-        "best_validation_deg": 1.0, "steps": 2, "training": {"windows_s": [25.0]}, "dataset": "x", "protocol": "static",
-        "latitude_deg": [32.0, 33.0],
+        "best_validation_deg": 1.0, "steps": 2, "training": {"windows_s": [25.0]},
+        "dataset": "x", "protocol": "static", "latitude_deg": [32.0, 33.0],
         "imu_rate_hz": 600.0, "seconds": 1.0,
         "units": {"unit_seed": 4, "units": 1, "imu": asdict(_IMU)},
     }  # fmt: skip
@@ -346,7 +346,7 @@ def _reseal_store(home: Path) -> None:
         if content and "/c/0/0/0" not in name:
             place.write(name, content[:-4] + _crc(content[:-4]))
     digest = (place.read("manifest/digest/c/0/0") or b"")[:32]
-    row = manifest.stored_checksum(place, identity, 0, digest)
+    row = manifest.stored_checksum(identity, 0, digest, place.read)
     place.write("manifest/stored/c/0/0", row + _crc(row))
 
 
