@@ -101,9 +101,15 @@ def _by_processes(
 def _start_worker() -> None:
     """An interruption is the parent's to handle; with a parent that is killed a worker ends too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Told to end it gives up its task, but leaves as it should: its semaphores go with it.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _leave(*_: object) -> None:
+    """Told to end a worker gives up its task, but leaves as it should: its semaphores go with it.
+    Unless it is told within a callback of the interpreter's, which would print that and go on."""
+    sys.unraisablehook = lambda _: os._exit(1)
+    sys.exit(1)
 
 
 def _end_with_parent() -> None:
