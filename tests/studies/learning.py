@@ -1,6 +1,7 @@
 """Where learning helps, where it cannot, and whether it knows which.
 
     make study-learning
+    python tests/studies/learning.py share swaying     some parts of it
 
 A network learns the correction to a classical estimate, with its sigma. Every ratio is to the
 Bayes-optimal estimator on the same windows, with a paired 95% interval: to the one that is told the
@@ -10,12 +11,14 @@ unit's errors where the network could have learned them, else to the one that is
 import json
 import os
 import shutil
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import swaying
 import yaml
 from common import Report
 from helpers import composed, default_config
@@ -304,7 +307,7 @@ def turned(report: Report, minutes: list[float], calibration: Calibration) -> No
         calibration.add(protocol, tested, learned, case.windows_s)
 
 
-def presets(report: Report, minutes: list[float]) -> None:
+def presets(report: Report, minutes: list[float], _: Calibration) -> None:
     """The paper's first future question: which class of sensor gains?"""
     report.line()
     report.line("every preset as its file says, a power-up each recording, static, 240 s: RMSE, "
@@ -350,7 +353,7 @@ def _by_preset(bars: dict[str, list[float]]) -> Figure:
     return figure
 
 
-def departures(report: Report, minutes: list[float]) -> None:
+def departures(report: Report, minutes: list[float], _: Calibration) -> None:
     """What no Gaussian model of the sensor knows of, or no classical estimator is told."""
     summary = {}
     for name, own in CASES["departures"].items():
@@ -373,7 +376,7 @@ def departures(report: Report, minutes: list[float]) -> None:
     report.summary["learned_over_best_classical_by_departure"] = summary
 
 
-def stored_against_streamed(report: Report, minutes: list[float]) -> None:
+def stored_against_streamed(report: Report, minutes: list[float], _: Calibration) -> None:
     """Training on 2,700 recordings, turned and mixed, and on ones drawn afresh."""
     case = Case("share_1", bias(CASES["bias_deg_per_h"], 0.0), CASES["steps"],
                 tested_on=CASES["calibration_recordings"])  # fmt: skip
@@ -408,17 +411,30 @@ def latency(report: Report, learned: Learned, run: Path, tested: Tested) -> None
                 "(published: 3.99, 7.81, 26.62)")  # fmt: skip
 
 
+def real(report: Report, minutes: list[float], _: Calibration) -> None:
+    swaying.sim_to_real(report, DIRECTORY, minutes)
+
+
+PARTS: dict[str, Callable[[Report, list[float], Calibration], None]] = {
+    "share": by_share,
+    "unseen": unseen_units,
+    "turned": turned,
+    "stored": stored_against_streamed,
+    "departures": departures,
+    "swaying": real,
+    "presets": presets,
+}
+
+
 def main() -> None:
     minutes: list[float] = []
     calibration = Calibration()
+    asked = sys.argv[1:] or list(PARTS)
     with Report("studies/learning") as report:
-        by_share(report, minutes, calibration)
-        unseen_units(report, minutes, calibration)
-        turned(report, minutes, calibration)
-        calibration.report(report)
-        stored_against_streamed(report, minutes)
-        departures(report, minutes)
-        presets(report, minutes)
+        for part in asked:
+            PARTS[part](report, minutes, calibration)
+        if calibration.rows:
+            calibration.report(report)
         report.summary["train_minutes_median"] = float(np.median(minutes))
     shutil.rmtree(DIRECTORY / "data")
 

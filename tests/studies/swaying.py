@@ -6,12 +6,13 @@ whole log beside it); the log has one heading, so every window is turned virtual
 through many angles.
 """
 
-import json
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from common import Report
 from helpers import composed, default_config
 from scipy.stats import binom, norm
@@ -29,14 +30,21 @@ from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import rotation_z, wrap
-from lbgc.learning.estimator import DESCRIPTION, Learned
+from lbgc.learning.estimator import Learned
 from lbgc.metrics import Ratio, rmse_ratio
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
 from lbgc.train import TrainConfig
 
+CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
 FITTED_S = 600.0
 MODELS = {"unaided": "sway", "correction": "sway_correction"}
+
+
+def sim_to_real(report: Report, directory: Path, minutes: list[float]) -> None:
+    models = trained(CASES, directory, minutes)
+    simulated(report, CASES, directory, models)
+    real(report, CASES, models)
 
 
 def vehicle(c: Mapping, name: str, directory: Path, *options: str) -> Dataset:
@@ -55,9 +63,9 @@ def trained(c: Mapping, directory: Path, minutes: list[float]) -> dict[str, Lear
     for name, model in MODELS.items():
         options = (f"data=[{','.join(sets)}]", "experiment=sway", f"model={model}",
                    f"steps={c['steps']}")  # fmt: skip
-        run = lbgc.train.main(composed(TrainConfig, "train", *options))
-        models[name] = Learned.load(run)
-        minutes.append(json.loads((run / DESCRIPTION).read_text())["seconds"] / 60)
+        started = time.perf_counter()
+        models[name] = Learned.load(lbgc.train.main(composed(TrainConfig, "train", *options)))
+        minutes.append((time.perf_counter() - started) / 60)
     return models
 
 
@@ -101,12 +109,15 @@ def sensor(data: Dataset) -> ImuModel:
     return build(ImuConfig, config["imu"]).model(float(config["rate_hz"]))
 
 
-def real(report: Report, c: Mapping, models: Mapping[str, Learned], imu: ImuModel) -> None:
+def real(report: Report, c: Mapping, models: Mapping[str, Learned]) -> None:
+    """Classical estimators are told the preset that was measured on the log."""
     try:
-        record = next(read(composed(EvaluateConfig, "evaluate", "log=lasergyro").log))
+        config = composed(EvaluateConfig, "evaluate", "log=lasergyro", "imu=lasergyro")
+        record = next(read(config.log))
     except InputError as error:
         report.line(f"the real log is left out: {error}")
         return
+    imu = config.imu.model(record.rate_hz)
     for after in (FITTED_S, 0.0):
         report.line()
         report.line(f"lasergyro after {after:g} s, turned through {len(angles(c))} angles: RMSE, "
