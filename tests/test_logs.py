@@ -156,6 +156,19 @@ def test_what_is_no_psins_file_is_refused(tmp_path, text, recwarn):
         list(read(LogConfig(reader="psins", path=str(path))))
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [("0.5 0.5", "1e300 0.5"), ("100.0", "5e-324"), ("9.78", "1e-320"), ("-40.0", "1e29"),
+     ("10 10 10", "1e29 10 10")],
+)  # fmt: skip
+def test_a_psins_header_that_overflows_is_refused(tmp_path, changes):
+    """Before anything is computed from it: NumPy would warn, which is an error here."""
+    path = tmp_path / "log.imu"
+    path.write_text(PSINS.replace(*changes) + "1 0 1 0 3 8000\n" * 100)
+    with pytest.raises(InputError):
+        list(read(LogConfig(reader="psins", path=str(path))))
+
+
 def spoiled(name: str) -> dict[str, np.ndarray]:
     values = columns()
     if name == "nan":

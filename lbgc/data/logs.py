@@ -27,6 +27,8 @@ _GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
 _ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
 _UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
 _NONSENSE = 1e30
+_MS, _G, _SCALES = (1e-3, 1e6), (1.0, 100.0), (1e-9, 1e9)
+"""Of a PSINS header: interval, m/s^2, and arcsec or ug s a count."""
 _HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
 
 
@@ -202,14 +204,16 @@ def _psins(path: Path, config: LogConfig) -> Iterator[_Raw]:
         "is no PSINS file: it "
         f"must have three header rows and then data, six numbers each, not {rows.shape}",
     )
+    _require_finite(path.name, rows, [f"number {column} of six" for column in range(1, 7)])
     attitude, place, scales = rows[:3]
-    good = place[4] > 0 and place[5] > 0 and bool((scales > 0).all())
+    good = _MS[0] <= place[4] <= _MS[1] and _G[0] <= place[5] <= _G[1]
+    good = good and bool(((scales >= _SCALES[0]) & (scales <= _SCALES[1])).all())
     require(good, "log.path", path, "has a header without interval, g or scale factors")
     config = replace(
         config,
         gyro_unit="arcsec",
         accel_unit="ug*s",
-        rate_hz=config.rate_hz if config.rate_hz is not None else 1e3 / place[4],
+        rate_hz=config.rate_hz if config.rate_hz is not None else 1e3 / float(place[4]),
         latitude=config.latitude if config.latitude is not None else place[0],
         heading_deg=config.heading_deg if config.heading_deg is not None else -attitude[2],
     )

@@ -25,7 +25,8 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows
 from lbgc.estimators.static import mean
 from lbgc.learning import onnx
-from lbgc.learning.estimator import DESCRIPTION, Learned
+from lbgc.learning.description import DESCRIPTION
+from lbgc.learning.estimator import Learned
 from lbgc.report import paper
 from lbgc.train import TrainConfig
 

@@ -42,7 +42,8 @@ from lbgc.estimators.static import mean
 from lbgc.export import ExportConfig
 from lbgc.frames import wrap
 from lbgc.learning import onnx
-from lbgc.learning.estimator import DESCRIPTION, Learned
+from lbgc.learning.description import DESCRIPTION
+from lbgc.learning.estimator import Learned
 from lbgc.report.figures import png
 from lbgc.sensor.imu import ImuModel
 from lbgc.train import TrainConfig
