@@ -146,6 +146,22 @@ def main(config: TrainConfig) -> Path:
         print("this run is already finished")
         mark_latest(run)
         return run
+    trainer = trainer_of(config, datasets)
+
+    def on_look(history: Sequence[dict[str, float]]) -> None:
+        _write_history(run, history)
+        if config.tensorboard:
+            board.write(run / "tensorboard", history[-1])
+
+    trainer.run(run / CHECKPOINT, on_look)
+    _save(run, config, datasets, trainer)
+    (run / CHECKPOINT).unlink(missing_ok=True)
+    mark_latest(run)
+    return run
+
+
+def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
+    """A training of these datasets that has not begun."""
     train, validation = (_load(datasets, split, config) for split in ("train", "validation"))
     first = datasets[0].configuration
     imu = build(ImuConfig, first["imu"]).model(float(first["rate_hz"]))
@@ -162,18 +178,7 @@ def main(config: TrainConfig) -> Path:
         if config.randomise.is_on:
             windows = Randomised(windows, config.randomise, imu)
         source = Drawn(windows, sensed)
-    trainer = Trainer(plan, source, sensed, train, validation)
-
-    def on_look(history: Sequence[dict[str, float]]) -> None:
-        _write_history(run, history)
-        if config.tensorboard:
-            board.write(run / "tensorboard", history[-1])
-
-    trainer.run(run / CHECKPOINT, on_look)
-    _save(run, config, datasets, trainer)
-    (run / CHECKPOINT).unlink(missing_ok=True)
-    mark_latest(run)
-    return run
+    return Trainer(plan, source, sensed, train, validation)
 
 
 def _identity(datasets: Sequence[Dataset]) -> str | list[str]:

@@ -16,14 +16,11 @@ from tqdm import tqdm
 import sim.generate
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows
-from lbgc.errors import InputError, build
+from lbgc.errors import InputError
 from lbgc.learning import onnx
-from lbgc.learning.batches import Source, Stored
 from lbgc.learning.model import make
-from lbgc.learning.stream import Streamed
 from lbgc.learning.trainer import Trainer
-from lbgc.sensor.datasheet import ImuConfig
-from lbgc.train import TrainConfig, _load
+from lbgc.train import TrainConfig, trainer_of
 
 _STEPS = 150
 _ANSWERS = 300
@@ -56,12 +53,7 @@ def rows(table: Table, home: Path) -> None:
 
 def _trainer(dataset: Dataset, *options: str) -> Trainer:
     config = composed(TrainConfig, "train", f"data={dataset.path}", *options)
-    train, validation = (_load(dataset, split, config) for split in ("train", "validation"))
-    imu = build(ImuConfig, dataset.configuration["imu"]).model(600.0)
-    source: Source = Stored(train, config.augment, imu.gyro)
-    if config.stream:
-        source = Streamed.of(dataset, dataset.in_split("train"), train)
-    return Trainer(config.plan(train.duration_s), source, train, validation, imu)
+    return trainer_of(config, [dataset])
 
 
 def _wait(dataset: Dataset, options: tuple[str, ...]) -> float:
