@@ -150,8 +150,8 @@ class Measured:
     calibrated: Record | None = None
 
 
-_BATCH_BYTES = 3e7
-"""Of recordings that are answered together: many short ones, or one or two at full rate."""
+_BATCH_BYTES = 6e6
+"""Of the gyros of recordings that are answered together: many short ones, two at full rate."""
 
 
 def _batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
@@ -175,13 +175,23 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
         records = list(logs.read(config.log))
         notes = [f"{config.log.name}: a real log has no truth; errors are from its reference"]
         imu = None if config.imu is None else config.imu.model(records[0].rate_hz)
-        subject = Subject(config.log.name, "reference", notes, records[:16], identity="", imu=imu)
+        some = records[:16]
+        subject = Subject(
+            config.log.name,
+            "reference",
+            notes,
+            lambda: some,
+            min(len(r.gyro) for r in some),
+            some[0].rate_hz,
+            some[0].latitude,
+            identity="",
+            imu=imu,
+        )
         return subject, (Measured(record) for record in records), len(records)
     assert config.data is not None
     dataset = Dataset.open_finished(config.data)
     indices = dataset.in_split(config.split)
     require(len(indices) > 0, "split", config.split, "has no recordings in this dataset")
-    sample = list(dataset.records(indices[:16]))
     configuration = dataset.configuration
     own = build(ImuConfig, configuration["imu"])
     notes = []
@@ -191,7 +201,10 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
         f"{dataset.place}, {config.split} split",
         config.against,
         notes,
-        sample,
+        lambda: dataset.records(indices[:16]),
+        dataset.layout.samples,
+        dataset.rate_hz,
+        float(np.deg2rad(configuration["latitude"])),
         identity=dataset.identity,
         configuration=configuration,
         imu=(config.imu or own).model(float(configuration["rate_hz"])),

@@ -267,10 +267,10 @@ class Dataset:
         return np.flatnonzero(self.label("split") == SPLITS.index(split))
 
     def records(self, indices: np.ndarray) -> Iterator[Record]:
-        """The recordings at these indices, ascending; whole shards are read once."""
+        """The recordings at these indices, ascending; a chunk is read once, and then let go."""
         labels = {n: self.label(n) for n in ("heading", "heading_reference", "latitude")}
         ascending = np.sort(indices)
-        ends = np.flatnonzero(np.diff(ascending // self.layout.shard)) + 1
+        ends = np.flatnonzero(np.diff(ascending // self.layout.chunk("gyro"))) + 1
         for inside in np.split(ascending, ends) if len(ascending) else ():
             span = slice(int(inside[0]), int(inside[-1]) + 1)
             data = {n: self._decoded(n, span) for n in ("gyro", "accel", "plate_angle")}

@@ -107,7 +107,7 @@ def _triad_sources(
     return found
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=16)  # as many as one course's axes share; each may have half a megabyte
 def _of_term(term: gaussian.GaussianTerm, course: Course) -> np.ndarray:
     blocks = np.array(course.blocks)
     whole = gaussian.covariance_of_means((term,), blocks[-1] + 1, course.interval, 1, course.start)

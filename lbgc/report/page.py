@@ -3,7 +3,7 @@
 import base64
 import csv
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -38,8 +38,12 @@ class Subject:
     name: str
     against: str
     notes: list[str]
-    records: list[Record]
-    """A few, for the Allan figure."""
+    records: Callable[[], Iterable[Record]] = field(repr=False)
+    """A few, for the Allan figure, read when it is drawn; at least `samples` each."""
+    samples: int
+    rate_hz: float
+    latitude: float
+    """rad"""
     identity: str
     imu: ImuModel | None = None
     """The sensor's law, where it is known."""
@@ -214,17 +218,16 @@ def _by_heading(result: Result) -> Figure:
 
 
 def _allan(subject: Subject) -> Figure:
-    records = subject.records
-    n, dt = min(len(r.gyro) for r in records), 1 / records[0].rate_hz
+    n, dt = subject.samples, 1 / subject.rate_hz
     taus = octave_taus(n, dt)
-    measured = overlapping_deviation(np.stack([r.gyro[:n] for r in records]), dt, taus)
+    measured = overlapping_deviation((r.gyro[:n] for r in subject.records()), dt, taus)
     model = None
     if subject.configuration is not None:
         gyro = build(ImuConfig, subject.configuration["imu"]).gyro.triad()
         fine = np.geomspace(taus[0], taus[-1], 5000)
         sampling = 1 / float(subject.configuration["rate_hz"])
         model = fine, np.sqrt(gyro.allan_variance(fine, sampling)) / DEG * HOUR
-    earth = EARTH_RATE * np.cos(records[0].latitude) / DEG * HOUR
+    earth = EARTH_RATE * np.cos(subject.latitude) / DEG * HOUR
     return figures.allan_deviation(taus, measured / DEG * HOUR, model, earth)
 
 

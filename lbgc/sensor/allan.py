@@ -1,5 +1,7 @@
 """Allan analysis of recordings; the deviations themselves are allantools'."""
 
+from collections.abc import Iterable
+
 import allantools
 import numpy as np
 
@@ -10,23 +12,25 @@ def octave_taus(n: int, dt: float, most: float = 0.25) -> np.ndarray:
     return dt * 2.0 ** np.arange(octaves + 1)
 
 
-def overlapping_deviation(rates: np.ndarray, dt: float, taus: np.ndarray) -> np.ndarray:
+def overlapping_deviation(rates: Iterable[np.ndarray], dt: float, taus: np.ndarray) -> np.ndarray:
     """Overlapping Allan deviation of rate-like samples, pooled over recordings.
 
-    rates : (R, n, A), rad/s or m/s^2, R recordings of A axes; dt : s; taus : (K,), s, each a
-    whole multiple of dt. Returns (A, K): the root of the mean variance over recordings.
+    rates : R recordings of A axes, each (n, A), rad/s or m/s^2, an array of all or one after the
+    other; dt : s; taus : (K,), s, each a whole multiple of dt. Returns (A, K): the root of the mean
+    variance over recordings.
 
     The paper's eq. 25 lacks the 1/tau^2 that makes it IEEE Std 952's; this is the standard's.
     """
-    variances = np.empty((len(rates), rates.shape[2], len(taus)))
-    for r, record in enumerate(rates):
-        for axis in range(rates.shape[2]):
+    variances = []
+    for record in rates:
+        own = np.full((record.shape[1], len(taus)), np.nan)
+        for axis in range(record.shape[1]):
             _, deviation, _, _ = allantools.oadev(
                 record[:, axis].astype(float), rate=1 / dt, data_type="freq", taus=taus
             )
-            variances[r, axis, : len(deviation)] = deviation**2
-            variances[r, axis, len(deviation) :] = np.nan
-    return np.sqrt(variances.mean(axis=0))
+            own[axis, : len(deviation)] = deviation**2
+        variances.append(own)
+    return np.sqrt(np.mean(variances, axis=0))
 
 
 def confidence_band(

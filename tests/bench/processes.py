@@ -1,12 +1,12 @@
 """Two processes against one, and the memory of a process."""
 
-import resource
+import os
+import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, wait
-from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -19,8 +19,8 @@ from tqdm import tqdm
 import sim.generate
 import sim.recordings
 from lbgc.data import store
-from sim.generate import GenerateConfig
 
+ROOT = Path(__file__).parents[2]
 _SHARDS = 8
 _REPEATS = 5
 _FEW, _MANY = 80, 2000
@@ -73,13 +73,14 @@ def _draw(_: int) -> None:
 
 
 def _memory(table: Table) -> None:
-    """Highest resident memory of generation and of evaluation, each in a process of its own."""
-    bare = _peak(_nothing)
+    """Highest resident memory of generation and of evaluation, as typed: each a program of its own,
+    whose imports alone are the limit."""
+    bare = _peak(ROOT, "-c", "import lbgc.evaluate, sim.generate")
     for count in (_FEW, _MANY):
         with tempfile.TemporaryDirectory() as home:
-            config = replace(default_config(f"recordings={count}"), out=f"{home}/d.zarr")
-            made = _peak(_generate, config)
-            read = _peak(_evaluate, config.out, home)
+            own = Path(home)  # results go there too
+            made = _peak(own, f"{ROOT}/sim/generate.py", f"recordings={count}", "out=d.zarr")
+            read = _peak(own, f"{ROOT}/lbgc/evaluate.py", "data=d.zarr")
         most = max(made, read)
         table.add(
             Row(f"memory_{count}_mb", f"memory of a process, {count} recordings, MB", most,
@@ -89,31 +90,12 @@ def _memory(table: Table) -> None:
         table.note(f"memory_{count}_evaluation_mb", read)
 
 
-def _peak(task: Callable[..., object], *arguments: object) -> float:
-    """MB, of a fresh process that did this."""
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        return pool.submit(_measured, task, *arguments).result()
-
-
-def _measured(task: Callable[..., object], *arguments: object) -> float:
-    sim.generate.try_picture = lambda *_: None
-    task(*arguments)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def _nothing() -> None:
-    import lbgc.evaluate  # noqa: F401
-
-
-def _generate(config: GenerateConfig) -> None:
-    sys.stderr.write(f"memory: {config.recordings} recordings\n")
-    sim.generate.main(config)
-
-
-def _evaluate(data: str, home: str) -> None:
-    import os
-
-    from lbgc import evaluate
-
-    os.chdir(home)  # its results are not wanted
-    evaluate.main(evaluate.EvaluateConfig(data=data))
+def _peak(home: Path, *arguments: str) -> float:
+    """MB, of a program that did this there. Raises CalledProcessError where it failed."""
+    command = [sys.executable, *arguments]
+    program = subprocess.Popen(command, cwd=home, stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(program.pid, 0)
+    program.returncode = os.waitstatus_to_exitcode(status)
+    if program.returncode:
+        raise subprocess.CalledProcessError(program.returncode, command)
+    return used.ru_maxrss / 1024
