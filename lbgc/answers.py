@@ -1,5 +1,7 @@
 """What estimators answered to every window, and why one did not."""
 
+import csv
+import io
 import time
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -98,3 +100,18 @@ class Evaluation:
             f"{name} is left out at {', '.join(f'{w:g}' for w in sorted(r))} s: {r[min(r)]}"
             for name, r in own.items()
         ]
+
+    def as_csv(self) -> str:
+        """A line for each window and estimator; angles in degrees."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        names = ("heading_deg", "estimate_deg", "error_deg", "sigma_deg")
+        writer.writerow(("recording", "window_s", "start_s", "estimator", *names))
+        for (name, window), own in self.answers.items():
+            kinds = ("heading", "estimate", "errors", "sigma")
+            angles = [np.rad2deg(own.all_of(k)).round(6) for k in kinds]
+            columns = [own.all_of("recording"), own.all_of("start_s"), *angles]
+            for number, start, *degrees in zip(*(c.tolist() for c in columns), strict=True):
+                recording = self.recordings[number]
+                writer.writerow((recording, f"{window:g}", f"{start:g}", name, *degrees))
+        return out.getvalue()

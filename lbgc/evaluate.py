@@ -4,8 +4,6 @@ python lbgc/evaluate.py data=PATH run=RUN
 python lbgc/evaluate.py log=lasergyro
 """
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -119,7 +117,7 @@ def main(config: EvaluateConfig) -> Path:
     write_atomically(
         directory / "results.json", json.dumps(_as_json(config, result, evaluation), indent=2)
     )
-    write_atomically(directory / "windows.csv", _csv(evaluation))
+    write_atomically(directory / "windows.csv", evaluation.as_csv())
     for line in result.notes:
         print(line)
     print(table(result))
@@ -337,21 +335,6 @@ def _per_heading(answers: Answers) -> list[dict]:
         }
         for s in np.unique(sector)
     ]
-
-
-def _csv(evaluation: Evaluation) -> str:
-    """A line for each window and estimator."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    names = ("heading_deg", "estimate_deg", "error_deg", "sigma_deg")
-    writer.writerow(("recording", "window_s", "start_s", "estimator", *names))
-    for (name, window), own in evaluation.answers.items():
-        angles = [np.rad2deg(own.all_of(n)) for n in ("heading", "estimate", "errors", "sigma")]
-        columns = [own.all_of("recording"), own.all_of("start_s"), *(a.round(6) for a in angles)]
-        for number, start, *degrees in zip(*(c.tolist() for c in columns), strict=True):
-            recording = evaluation.recordings[number]
-            writer.writerow((recording, f"{window:g}", f"{start:g}", name, *degrees))
-    return out.getvalue()
 
 
 def _heading(record: Record, against: str) -> float:
