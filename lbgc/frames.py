@@ -16,6 +16,26 @@ def rotation_z(angle: np.ndarray | float) -> np.ndarray:
     return euler_to_matrix(0.0, 0.0, angle)
 
 
+def turned(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """C(angle) v about the down axis; a vector's third component, if it has one, stays.
+
+    values : (*S, 2 or 3); angle : rad, broadcasts with S: one angle for a row is turned at once.
+    """
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = values[..., 0], values[..., 1]
+    out = np.empty((*np.broadcast_shapes(x.shape, c.shape), values.shape[-1]))
+    out[..., 0] = c * x - s * y
+    out[..., 1] = s * x + c * y
+    out[..., 2:] = values[..., 2:]
+    return out
+
+
+def unrepeated(angle: np.ndarray) -> np.ndarray:
+    """A course, (W, T); or (W, 1) of it where no row of it turns, so that what broadcasts over it
+    is worked out once."""
+    return angle[:, :1] if (angle == angle[:, :1]).all() else angle
+
+
 def euler_to_matrix(
     roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float
 ) -> np.ndarray:

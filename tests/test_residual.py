@@ -141,8 +141,8 @@ def test_many_at_once_have_the_law_of_one_by_one(rng):
     n, dt, block, count = 6, 1 / 600, 3000, 4000
     none = np.zeros((count, 3, 3))
     lasting = Lasting(none[:, 0] + 1e-6, none, none, none[:, 0], none[:, 0])
-    truth = np.zeros((count, n, 3))
-    many = measure_means(GYRO, rng, truth, lasting, dt, block)
+    truth = np.zeros((count, 1, 3))
+    many = measure_means(GYRO, rng, truth, lasting, n, dt, block)
     one = np.empty((count, n, 3))
     unit = GYRO.draw_unit(rng)
     clean = replace(unit, bias_unit=np.full(3, 1e-6), matrix=np.zeros((3, 3)))

@@ -15,12 +15,12 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, cut, joined
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
-from lbgc.frames import euler_to_matrix, rotation_vector, rotation_z, wrap
+from lbgc.frames import euler_to_matrix, rotation_vector, rotation_z, turned, wrap
 from lbgc.learning.estimator import Learned, load_net
 from lbgc.learning.filter import legendre
 from lbgc.learning.model import ModelConfig, make
 from lbgc.learning.residual import inputs
-from lbgc.learning.sway import Swaying, turned
+from lbgc.learning.sway import Swaying
 from lbgc.train import TrainConfig
 
 CONFIG = ModelConfig("sway", "filter", 2, 8, "vonmises", ["sway"])
@@ -67,7 +67,7 @@ def test_velocity_bends_eastward_by_one_unit(latitude, duration, turn_deg_s):
     tilt = (0.0, 0.0) if turn_deg_s else (3.0, -2.0)
     w = swaying(4, duration, 50.0, latitude, tilt, still(4, n), turn=np.deg2rad(turn_deg_s))
     seen = Swaying.of(w, 5.0)
-    north_east = bend(turned(seen.velocity, w.heading))
+    north_east = bend(turned(seen.velocity, w.heading[:, None]))
     np.testing.assert_allclose(north_east, [[0.0, 1.0]] * 4, atol=4e-3)
     np.testing.assert_allclose(seen.residual(w.heading)[..., :2], 0.0, atol=0.015)
 

@@ -11,7 +11,7 @@ import numpy as np
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix
+from lbgc.frames import euler_to_matrix, turned, unrepeated
 
 MOST_BLOCKS = 240
 _RESTS = np.deg2rad(1e-4)
@@ -133,7 +133,8 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     w, n = len(windows), windows.gyro.shape[1] // size
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return values.reshape(w, n, size, *values.shape[2:]).mean(axis=2, dtype=np.float64)
+        blocks = values.reshape(w, n, size, *values.shape[2:])
+        return blocks[:, :, 0].astype(float) if size == 1 else blocks.mean(axis=2, dtype=float)
 
     angle = mean(mean_angle(windows.plate_angle, windows.rate_hz, sample_s))
     gyro, accel = mean(windows.gyro), mean(windows.accel)
@@ -141,8 +142,9 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     turning = np.gradient(angle, interval, axis=1) if n > 1 else np.zeros_like(angle)
     turning[np.abs(turning) * interval < _RESTS] = 0.0
     gyro[..., 2] -= turning
-    tilt = tilt_of(angle, accel)
-    data = np.concatenate([_turned_level(v, angle, tilt) for v in (gyro, accel)], axis=1)
+    at = unrepeated(angle)
+    tilt = tilt_of(at, accel)
+    data = np.concatenate([_turned_level(v, at, tilt) for v in (gyro, accel)], axis=1)
     lean = np.arccos(np.clip(tilt[:, 2, 2], -1, 1))
     alike = np.column_stack([windows.start_s, windows.latitude, angle.round(9)]) + 0.0  # no -0.0
     own: dict[bytes, list[int]] = {}
@@ -183,18 +185,11 @@ def travel(angle: np.ndarray) -> np.ndarray:
 def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
     """From the base's axes to level ones, (W, 3, 3).
 
-    angle : (W, n), rad, the plate's; accel : (W, n, 3), specific force in the body's axes."""
-    return euler_to_matrix(*level(_to_base(accel, angle).mean(axis=1)), 0.0)
-
-
-def _to_base(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Body axes to the base's, about the plate's: (W, n, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y, z = values[..., 0], values[..., 1], values[..., 2]
-    return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
+    angle : (W, n or 1), rad, the plate's; accel : (W, n, 3), specific force in the body's axes."""
+    return euler_to_matrix(*level(turned(accel, angle).mean(axis=1)), 0.0)
 
 
 def _turned_level(values: np.ndarray, angle: np.ndarray, tilt: np.ndarray) -> np.ndarray:
     """The horizontal part in level axes that turn with the plate: (W, n, 3) -> (W, 2, n)."""
-    level_axes = np.einsum("wij,wnj->wni", tilt, _to_base(values, angle))
-    return np.moveaxis(_to_base(level_axes, -angle)[..., :2], -1, 1)
+    level_axes = turned(values, angle) @ np.swapaxes(tilt, 1, 2)
+    return np.moveaxis(turned(level_axes[..., :2], -angle), -1, 1)

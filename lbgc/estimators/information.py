@@ -224,8 +224,9 @@ def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
 def _in_chunks(
     each: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, ...]], h: np.ndarray, J: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    J = np.broadcast_to(J, (len(h), 2, 2))
-    parts = [each(h[i : i + _CHUNK], J[i : i + _CHUNK]) for i in range(0, len(h), _CHUNK)]
+    J = J.reshape(-1, 2, 2)  # one for all stays one: what follows from it alone is worked out once
+    chunks = [slice(i, i + _CHUNK) for i in range(0, len(h), _CHUNK)]
+    parts = [each(h[rows], J if len(J) == 1 else J[rows]) for rows in chunks]
     return tuple(np.concatenate(p) for p in zip(*parts, strict=True))
 
 
@@ -244,11 +245,12 @@ def _along(q: np.ndarray, J: np.ndarray) -> np.ndarray:
 
 
 def _log_p(h: np.ndarray, J: np.ndarray, psi: np.ndarray) -> np.ndarray:
-    """psi : (V, G), or (1, G) for all alike."""
+    """psi : (V, G), or (1, G) for all alike; J likewise."""
     c, s = np.cos(psi), np.sin(psi)
     xx, xy, yy = (J[..., i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
     quadratic = xx * c * c + 2 * xy * c * s + yy * s * s
-    return h[:, :1] * c + h[:, 1:] * s - quadratic / 2
+    linear = h @ np.concatenate([c, s]) if len(psi) == 1 else h[:, :1] * c + h[:, 1:] * s
+    return linear - quadratic / 2
 
 
 def likeliest(told: Information, data: np.ndarray) -> Estimate:

@@ -9,6 +9,7 @@ known of both, however the plate turns. Sine and cosine of the estimate are give
 that always stays with the body moves the heading by a function of it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +20,7 @@ from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, wrap
+from lbgc.frames import euler_to_matrix, turned, unrepeated, wrap
 from lbgc.learning import sway
 from lbgc.learning.model import ModelConfig, features
 from lbgc.sensor.imu import ImuModel
@@ -64,31 +65,38 @@ def base_heading(name: str, windows: Windows, imu: ImuModel | None) -> np.ndarra
 
 
 def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.ndarray:
-    angle = windows.plate_angle
+    angle = unrepeated(windows.plate_angle)
     travel = np.gradient(angle, axis=1) if angle.shape[1] > 1 else np.zeros_like(angle)
-    used = _usable(travel)
+    used = _usable(travel)[..., None]
     psi = base[:, None] + angle - travel / 2  # an encoder is read at a sample's end
     latitude = windows.latitude[:, None]
     north, down = EARTH_RATE * np.cos(latitude), -EARTH_RATE * np.sin(latitude)
     g = normal_gravities(latitude)
     turning = np.where(np.abs(travel) > _MOVES, travel * windows.rate_hz, 0.0)
-    gyro, force = _north(_levelled(windows.gyro, windows, angle), psi), _north(windows.accel, psi)
+    gyro, force = turned(_levelled(windows, angle), psi), turned(windows.accel, psi)
     # Earth's rate is averaged over the turn within a sample.
-    gyro = gyro - np.stack(
-        [north * np.sinc(travel / (2 * np.pi)), 0 * turning, down + turning], axis=-1
-    )
+    gyro -= np.stack([north * np.sinc(travel / (2 * np.pi)), 0 * turning, down + turning], axis=-1)
     columns = {
         "gyro": lambda: _both(gyro / north[..., None], psi),
         "accel": lambda: _both(force / g[..., None] + [0.0, 0.0, 1.0], psi),
-        "plate": lambda: np.stack([np.cos(angle), np.sin(angle)], axis=-1),
+        "plate": lambda: (np.stack([np.cos(angle), np.sin(angle)], axis=-1),),
     }
-    moving = [columns[c]() * used[..., None] for c in config.channels]
     length = np.log2(windows.duration_s / _MINUTE) / 2
     place = np.log2(np.cos(windows.latitude))
     lengths = np.full(len(windows), length)
-    fixed = np.stack([np.sin(base), np.cos(base), lengths, place], axis=-1)
-    held = np.broadcast_to(fixed[:, None], (*angle.shape, fixed.shape[1]))
-    return np.concatenate([*moving, held], axis=-1).astype(np.float32)
+    fixed = np.stack([np.sin(base), np.cos(base), lengths, place], axis=-1)[:, None]
+    parts = [part * used for channel in config.channels for part in columns[channel]()]
+    return _side_by_side([*parts, fixed], windows.plate_angle.shape)
+
+
+def _side_by_side(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """Features of each (W, T or 1, C), as one float32 array."""
+    out = np.empty((*shape, sum(part.shape[-1] for part in parts)), np.float32)
+    first = 0
+    for part in parts:
+        out[..., first : first + part.shape[-1]] = part
+        first += part.shape[-1]
+    return out
 
 
 def _usable(travel: np.ndarray) -> np.ndarray:
@@ -101,24 +109,12 @@ def _usable(travel: np.ndarray) -> np.ndarray:
     return np.where(carousel, steady, resting)
 
 
-def _levelled(values: np.ndarray, windows: Windows, angle: np.ndarray) -> np.ndarray:
-    """The values less the lean that the mean force in the plate's base shows, (W, T, 3)."""
-    lean = euler_to_matrix(*level(_about_z(windows.accel, angle).mean(axis=1)), 0.0)
-    return _about_z(np.einsum("wij,wtj->wti", lean, _about_z(values, angle)), -angle)
+def _levelled(windows: Windows, angle: np.ndarray) -> np.ndarray:
+    """The rates less the lean that the mean force in the plate's base shows, (W, T, 3)."""
+    lean = euler_to_matrix(*level(turned(windows.accel, angle).mean(axis=1)), 0.0)
+    return turned(turned(windows.gyro, angle) @ np.swapaxes(lean, 1, 2), -angle)
 
 
-def _north(values: np.ndarray, psi: np.ndarray) -> np.ndarray:
-    """Body axes to north-pointing ones."""
-    return _about_z(values, psi)
-
-
-def _both(residual: np.ndarray, psi: np.ndarray) -> np.ndarray:
-    """In north-pointing axes, and the horizontal ones of the body besides: (W, T, 5)."""
-    return np.concatenate([residual, _about_z(residual, -psi)[..., :2]], axis=-1)
-
-
-def _about_z(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """C(angle) v about the down axis: (W, T, 3), angle (W, T)."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y, z = values[..., 0], values[..., 1], values[..., 2]
-    return np.stack([c * x - s * y, s * x + c * y, z], axis=-1)
+def _both(residual: np.ndarray, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """In north-pointing axes, (W, T, 3), and the horizontal ones of the body besides, (W, T, 2)."""
+    return residual, turned(residual[..., :2], -psi)

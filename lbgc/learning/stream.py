@@ -16,7 +16,7 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.errors import InputError, build
-from lbgc.frames import euler_to_matrix
+from lbgc.frames import euler_to_matrix, unrepeated
 from lbgc.learning.augment import on_plate
 from lbgc.learning.batches import crop
 from lbgc.sensor.batch import Lasting, measure_means
@@ -84,7 +84,7 @@ class Streamed:
         heading = rng.uniform(-np.pi, np.pi, count)
         block = round(1 / (self.recordings.rate_hz * self.imu.dt))
         rate, force = self._truth(rows, heading)
-        common = (self.imu.dt, block)
+        common = (n, self.imu.dt, block)
         gyro = measure_means(self.imu.gyro, rng, rate, self.gyro.rows(rows), *common,
                              force, self.imu.warming)  # fmt: skip
         accel = measure_means(self.imu.accel, rng, force, self.accel.rows(rows), *common,
@@ -99,15 +99,16 @@ class Streamed:
             latitude=stored.latitude[rows],
             heading=heading,
             heading_reference=heading + off,
+            start_s=np.zeros(count),
         )
-        return crop(drawn, np.arange(count), starts, steps)
+        return drawn if steps == n else crop(drawn, np.arange(count), starts, steps)
 
     def _truth(self, rows: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, n, 3), on a plate
-        that rests or turns evenly within a block."""
+        that turns evenly within a block; (W, 1, 3) on one that rests."""
         stored = self.recordings
         late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
-        reading = stored.plate_angle[rows]
+        reading = unrepeated(stored.plate_angle[rows])
         travel = np.gradient(reading, axis=1) if reading.shape[1] > 1 else 0 * reading
         angle, turning = reading - late * travel, travel * stored.rate_hz
         short = np.sinc(travel / (2 * np.pi))

@@ -24,7 +24,7 @@ from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators.inertial import apparent_gravity, integrate
 from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, rotation_matrix, rotation_z
+from lbgc.frames import euler_to_matrix, rotation_matrix, rotation_z, turned
 
 LEAST_RATE_HZ = 50.0
 """Below it a vehicle's sway is not seen as it is: at 10 Hz errors over 10 s are threefold."""
@@ -91,16 +91,9 @@ class Swaying:
     def residual(self, base: np.ndarray) -> np.ndarray:
         """Less what these headings explain, in axes that they turned north: (W, T, 5). base : (W,),
         rad."""
-        velocity = turned(self.velocity, base) - self.bend
-        rate = turned(self.rate, base)
+        velocity = turned(self.velocity, base[:, None]) - self.bend
+        rate = turned(self.rate, base[:, None])
         return np.concatenate([velocity, rate, self.liveliness[..., None]], axis=-1)
-
-
-def turned(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Horizontal vectors (W, T, 2) from axes at this heading, (W,), rad, to those it is from."""
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    x, y = values[..., 0], values[..., 1]
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def inputs(

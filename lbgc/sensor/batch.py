@@ -33,6 +33,7 @@ def measure_means(
     rng: np.random.Generator,
     truth: np.ndarray,
     lasting: Lasting,
+    n: int,
     dt: float,
     block: int,
     force: np.ndarray | None = None,
@@ -40,11 +41,11 @@ def measure_means(
 ) -> np.ndarray:
     """What the sensor prints on average over blocks, (W, n, 3), each row from a recording's start.
 
-    truth, force : (W, n, 3), block means of what is measured and of the specific force; dt : s, the
-    sensor's own interval. An output filter on what moves is left out: where the plate turns
-    steadily it only lags, and by far less than a block.
+    truth, force : (W, n or 1, 3), block means of what is measured and of the specific force, once
+    where nothing moves; dt : s, the sensor's own interval. An output filter on what moves is left
+    out: where the plate turns steadily it only lags, and by far less than a block.
     """
-    count, n, _ = truth.shape
+    count = len(truth)
     interval = dt * block
     bias = lasting.bias + rng.standard_normal((count, 3)) * triad.bias_run
     signal = truth @ np.swapaxes(np.eye(3) + lasting.matrix, 1, 2) + bias[:, None]
@@ -52,8 +53,9 @@ def measure_means(
         signal += force @ np.swapaxes(lasting.g_sensitivity, 1, 2)
     if warming is not None and warming.rise_k != 0:
         warmth = warming.rise(n, interval)[:, None]
-        signal += (lasting.bias_per_k[:, None] + lasting.scale_per_k[:, None] * truth) * warmth
-    signal += gaussian.sample_axes(triad.terms_of_means(dt), rng, count, n, interval)
+        of_warmth = lasting.bias_per_k[:, None] + lasting.scale_per_k[:, None] * truth
+        signal = signal + of_warmth * warmth
+    signal = signal + gaussian.sample_axes(triad.terms_of_means(dt), rng, count, n, interval)
     for axis in range(3):
         if triad.tone[axis] > 0:
             phases = rng.uniform(0, 2 * np.pi, (count,))
