@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import zarr
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import lbgc
@@ -200,10 +201,15 @@ def make_shard(config: GenerateConfig, path: str, shard: int) -> None:
     _make(config, store.Dataset.open(path), shard, int)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def _make(
     config: GenerateConfig, dataset: store.Dataset, shard: int, tick: Callable[[], object]
 ) -> None:
-    """The same, the dataset open. `tick` hears each recording."""
+    """The same, the dataset open. `tick` hears each recording.
+
+    By one thread: those of several workers would wait for each other's cores, which took twice the
+    time, and a product's last bits could depend on how many there are.
+    """
     rows = dataset.layout.rows(shard)
     batch = {name: dataset.layout.room(name, len(rows)) for name in VARIABLES}
     at = 0

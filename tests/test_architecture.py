@@ -67,7 +67,7 @@ ROOMS = {
     "allantools": {"lbgc/sensor/allan.py"},
     "torch": {"lbgc/learning/model.py", "lbgc/learning/filter.py", "lbgc/learning/loss.py",
               "lbgc/learning/estimator.py",
-              "lbgc/learning/trainer.py", "lbgc/learning/checkpoint.py",
+              "lbgc/learning/trainer.py", "lbgc/learning/ahead.py", "lbgc/learning/checkpoint.py",
               "lbgc/learning/onnx.py", "lbgc/learning/board.py"},
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr"), ("sim/generate.py", "mujoco")}

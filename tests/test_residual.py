@@ -1,6 +1,7 @@
 """Corrections to a classical estimate, the von Mises head, windows drawn afresh, and resuming."""
 
 import json
+import multiprocessing
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from lbgc.errors import InputError
 from lbgc.estimators.static import mean
 from lbgc.frames import wrap
 from lbgc.learning import checkpoint, trainer
+from lbgc.learning.ahead import Batches, ahead
 from lbgc.learning.estimator import Learned
 from lbgc.learning.loss import von_mises_nll
 from lbgc.learning.model import ModelConfig, make, moments, von_mises_sigma
@@ -225,3 +227,36 @@ def test_training_ends_where_nothing_gets_better(dataset, tmp_path, monkeypatch)
     options = ("steps=200", "validate_every=1", "patience=3", "learning_rate=1e-12", "batch=8")
     run = trained(dataset, tmp_path / "early", monkeypatch, *options)
     assert len((run / "history.csv").read_text().splitlines()) < 100
+
+
+class Numbers:
+    """Examples that show which numbers they were drawn with."""
+
+    fresh = None
+
+    def draw(self, rng, count, steps):
+        return rng.standard_normal((count, steps, 2)).astype(np.float32), rng.uniform(size=count)
+
+
+@pytest.mark.parametrize(
+    ("long_steps", "processes", "daemon"),
+    [(True, 2, False), (False, 2, False), (False, 0, True)],
+    ids=["by a thread", "by processes", "in a daemon"],
+)
+def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, daemon):
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    process = multiprocessing.current_process()
+    monkeypatch.setattr(type(process), "daemon", daemon)
+    batches = Batches(Numbers(), seed=1, batch=3, windows_steps={10.0: 2, 20.0: 4})
+    threads, seeds = torch.get_num_threads(), torch.random.get_rng_state()
+    with ahead(batches, range(5, 12), long_steps) as drawn:
+        first = [next(drawn) for _ in range(3)]
+        assert len(multiprocessing.active_children()) == (0 if long_steps else processes)
+        rest = list(drawn)
+    del drawn
+    for step, (x, off) in enumerate([*first, *rest], start=5):
+        torch.testing.assert_close((x, off), batches[step], rtol=0, atol=0)
+    assert len(first + rest) == 7
+    assert multiprocessing.active_children() == []
+    assert torch.get_num_threads() == threads
+    assert torch.equal(torch.random.get_rng_state(), seeds)

@@ -4,7 +4,6 @@ import copy
 import math
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,9 @@ from tqdm import tqdm
 from lbgc.data.windows import Windows
 from lbgc.errors import reading
 from lbgc.learning import checkpoint, loss
+from lbgc.learning.ahead import Batch, Batches, ahead, tensors
 from lbgc.learning.batches import Examples, Sensed, every
-from lbgc.learning.model import ModelConfig, make
+from lbgc.learning.model import RECURRENT, ModelConfig, make
 from lbgc.sensor import streams
 
 SCHEDULES = ("onecycle", "cosine")
@@ -71,7 +71,7 @@ class Trainer:
         self.schedule = _schedule(plan, self.optimiser)
         block = round(validation.rate_hz / sensed.rate_hz)
         self.validation = [
-            (window, *self._tensors(*sensed.examples(every(validation, steps * block))))
+            (window, *self._there(tensors(*sensed.examples(every(validation, steps * block)))))
             for window, steps in plan.windows_steps.items()
         ]
         self.step = 0
@@ -79,8 +79,8 @@ class Trainer:
         self.smoothed: float | None = None
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] = copy.deepcopy(self.net.state_dict())
-        self._thread: ThreadPoolExecutor | None = None
-        self._ahead: tuple[int, Future[tuple[Tensor, Tensor]]] | None = None
+        self._batches = Batches(source, plan.seed, plan.batch, plan.windows_steps)
+        self._ahead: Iterator[Batch] | None = None
 
     def run(self, file: Path, on_look: Callable[[list[dict[str, float]]], None]) -> None:
         """Train to the end, from the checkpoint if there is one at `file`.
@@ -129,26 +129,17 @@ class Trainer:
 
     @contextmanager
     def drawing_ahead(self) -> Iterator[None]:
-        """Meanwhile a thread draws each step's batch while the step before it is taken. A step's
-        numbers are its own, so nothing else changes."""
-        with ThreadPoolExecutor(1) as self._thread:
-            yield
-        self._thread = self._ahead = None
+        """Meanwhile the batches of the steps that follow are drawn before they are asked for."""
+        steps = range(self.step + 1, self.plan.steps + 1)
+        try:
+            with ahead(self._batches, steps, self.plan.model.cell in RECURRENT) as self._ahead:
+                yield
+        finally:
+            self._ahead = None
 
-    def batch(self) -> tuple[Tensor, Tensor]:
+    def batch(self) -> Batch:
         """Input and target of this step."""
-        if self._ahead is not None and self._ahead[0] == self.step:
-            drawn = self._ahead[1].result()
-        else:
-            drawn = self._draw(self.step)
-        if self._thread is not None and self.step < self.plan.steps:
-            self._ahead = self.step + 1, self._thread.submit(self._draw, self.step + 1)
-        return drawn
-
-    def _draw(self, step: int) -> tuple[Tensor, Tensor]:
-        rng = streams.training(self.plan.seed, step)
-        length = self.plan.windows_steps[float(rng.choice(list(self.plan.windows_steps)))]
-        return self._tensors(*self.source.draw(rng, self.plan.batch, length))
+        return self._there(self._batches[self.step] if self._ahead is None else next(self._ahead))
 
     def _train(self) -> float:
         x, reference_deg = self.batch()
@@ -161,10 +152,10 @@ class Trainer:
         self.schedule.step()
         return float(value.detach())
 
-    def _tensors(self, x: np.ndarray, off: np.ndarray) -> tuple[Tensor, Tensor]:
-        """Input and target, degrees."""
-        truth = torch.from_numpy(np.rad2deg(off).astype(np.float32))
-        return torch.from_numpy(x).to(self.device), truth.to(self.device)
+    def _there(self, batch: Batch) -> Batch:
+        """Where the network is."""
+        x, target = batch
+        return x.to(self.device), target.to(self.device)
 
     def _scale(self, stored: Windows) -> float:
         """RMS error of the base, rad, on the longest windows of the training split."""
@@ -216,7 +207,8 @@ class Trainer:
             self.validation, self.plan.windows_steps.values(), strict=True
         ):
             if self.source.fresh is not None:
-                x, reference_deg = self._tensors(*self.source.fresh.draw(rng, _FRESH, steps))
+                drawn = tensors(*self.source.fresh.draw(rng, _FRESH, steps))
+                x, reference_deg = self._there(drawn)
             raw = self.net(x)
             heading, log_kappa = self.net.heading_deg(raw), self.net.log_kappa(raw).double()
             against = (changes / 2 / _KNOWN) ** 2 / 2 / len(x)
