@@ -35,6 +35,7 @@ from lbgc.estimators.information import (
     information,
     known,
     sources,
+    turn,
 )
 from lbgc.estimators.linear import answer, needs_model
 from lbgc.frames import wrap
@@ -98,26 +99,30 @@ def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     def each(part: Levelled) -> Estimate:
         told = information(model, part.course, part.site)
         h = told.told(part.data)
-        _check_fit(part, covariance(model, part.course, part.site), h, told)
+        _check_fit(part, covariance(model, part.course, part.site))
         return bayes(h, told.J)
 
     return answer(windows, model, each, "floor")
 
 
-def _check_fit(part: Levelled, C: np.ndarray, h: np.ndarray, told: Information) -> None:
-    """Mean of the normalised squares that the fit leaves: 1 if the model is right. It may be 2, or
-    ten of its own standard deviations where there are few."""
-    white = sum(
-        np.sum(d * np.linalg.solve(c, d.T).T, axis=1)
-        for d, c in zip(np.moveaxis(part.data, 1, 0), C, strict=True)
-    )
-    explained = np.sum(h * np.linalg.solve(told.J, h.T).T, axis=1)
-    count = 4 * part.data.shape[2]
-    left = float(np.mean(white - explained)) / count
-    most = max(2.0, 1 + 10 * np.sqrt(2 / (count * len(h))))
+def _check_fit(part: Levelled, C: np.ndarray) -> None:
+    """The sensor's model is right where `misfit` is 1. It may be 2, or ten of its own standard
+    deviations more where there are few data."""
+    left, most = misfit(part, C), max(2.0, 1 + 10 * np.sqrt(2 / part.data.size))
     if left > most:
         about = "times the scatter that the sensor's model explains: the base moves, or the model "
         raise refusal("floor", f"{left:.3g}", "", about + "is not this sensor's")
+
+
+def misfit(part: Levelled, C: np.ndarray) -> float:
+    """Mean of the normalised squares that the best heading and tilt of each window leave. The tilt
+    is fitted with the heading: gyros of navigation grade feel what the level's error makes of
+    Earth's vertical rate. C : covariance of the data, (4, n, n)."""
+    sides = np.concatenate([turn(part.course, part.site), np.moveaxis(part.data, 0, 2)], axis=2)
+    normalised = np.linalg.solve(np.linalg.cholesky(C), sides).reshape(-1, sides.shape[2])
+    design, data = normalised[:, :4], normalised[:, 4:]
+    residual = data - design @ np.linalg.lstsq(design, data, rcond=None)[0]
+    return float(np.sum(residual**2) / max(1, data.size - 4 * data.shape[1]))
 
 
 def budget(imu: ImuModel, course: Course, site: Site) -> dict[str, float]:

@@ -7,12 +7,21 @@ import pytest
 from helpers import composed
 from simulated import PROTOCOLS, windows
 
-from lbgc.bound import BoundConfig, budget, course_of, crlb, expected_floor, floor, white_crlb
+from lbgc.bound import (
+    BoundConfig,
+    budget,
+    course_of,
+    crlb,
+    expected_floor,
+    floor,
+    misfit,
+    white_crlb,
+)
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled
-from lbgc.estimators.information import bayes, information
+from lbgc.estimators.information import bayes, covariance, information
 from lbgc.frames import wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -262,6 +271,17 @@ def test_the_floor_of_another_sensor_or_a_swaying_base_is_none(drawn):
     rocking = 0.05 * np.sin(np.arange(w.accel.shape[1]))[None, :, None]
     with pytest.raises(InputError, match="the base moves"):
         floor(replace(w, accel=w.accel + rocking), SDC500)
+
+
+@pytest.mark.parametrize("protocol", ["static", "two_position"])
+@pytest.mark.parametrize("name", ["bmi160", "sdc500", "stim300", "hg9900"])
+def test_what_a_sensor_measures_fits_its_own_model(name, protocol):
+    """From phone to navigation grade. The mean of N squares is known to sqrt(2/N), 2% here; five of
+    them, and misalignment's share, which the model averages over headings."""
+    imu = model(name)
+    (part,) = levelled(windows(imu, protocol, 32.76, 60.0, 60, seed=9))
+    left = misfit(part, covariance(imu, part.course, part.site))
+    assert left == pytest.approx(1.0, abs=0.1)
 
 
 def test_windows_of_several_latitudes_are_answered_each_for_its_own():
