@@ -120,16 +120,18 @@ def test_blocks_join_with_the_exact_covariance(terms):
     np.testing.assert_allclose(joined, expected, atol=1e-6 * expected.max())
 
 
+@pytest.mark.parametrize("start", [0, 40])
 @every_term
-def test_drawn_series_have_the_covariance_across_blocks(terms, rng):
-    """Variances of means over the first, middle and last third of 300 samples (over two block
-    borders) and of their differences, from 4,000 draws: relative sd sqrt(2/4000) = 2.2%, 4.5 of
-    them allowed."""
+def test_drawn_series_have_the_covariance_across_blocks(terms, rng, start):
+    """From a recording's start, and from later on. Variances of means over the first, middle and
+    last third of 300 samples (over two block borders) and of their differences, from 4,000 draws:
+    relative sd sqrt(2/4000) = 2.2%, 4.5 of them allowed."""
     n, dt, draws = 300, 0.02, 4000
-    y = gaussian.sample(terms, rng, (draws, n), dt).astype(float)
+    y = gaussian.sample(terms, rng, (draws, n), dt, start=start).astype(float)
     thirds = np.kron(np.eye(3), np.full((1, 100), 0.01))
     looks = np.vstack([np.eye(3), [[-1, 1, 0], [0, -1, 1], [-1, 0, 1]]]) @ thirds
-    expected = np.diag(looks @ gaussian.covariance_of_means(terms, n, dt) @ looks.T)
+    whole = gaussian.covariance_of_means(terms, n, dt, start=start)
+    expected = np.diag(looks @ whole @ looks.T)
     drawn = np.mean((y @ looks.T) ** 2, axis=0)
     np.testing.assert_allclose(drawn, expected, rtol=4.5 * np.sqrt(2 / draws))
 

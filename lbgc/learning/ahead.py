@@ -6,19 +6,18 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
-from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from lbgc.learning.batches import Examples
 from lbgc.sensor import streams
 
-Batch: TypeAlias = tuple[Tensor, Tensor]
-"""Input, float32 (W, T, C), and what is to be found, (W,), degrees."""
+Batch: TypeAlias = tuple[np.ndarray, ...]
+"""Input, float32 (W, T, C), and what is to be found, (W,), rad."""
 _MOST_PROCESSES = 4
 """A small network's step takes a third of the time that its batch takes to draw."""
 
@@ -35,12 +34,7 @@ class Batches(Dataset[Batch]):
     def __getitem__(self, step: int) -> Batch:
         rng = streams.training(self.seed, step)
         length = self.windows_steps[float(rng.choice(list(self.windows_steps)))]
-        return tensors(*self.source.draw(rng, self.batch, length))
-
-
-def tensors(x: np.ndarray, off: np.ndarray) -> Batch:
-    """off : (W,), rad"""
-    return torch.from_numpy(x), torch.from_numpy(np.rad2deg(off).astype(np.float32))
+        return self.source.draw(rng, self.batch, length)
 
 
 @contextmanager
@@ -81,10 +75,15 @@ def _by_processes(count: int, batches: Batches, steps: range) -> Iterator[Batch]
             batch_size=None,
             sampler=steps,
             num_workers=count,
+            collate_fn=_as_it_is,  # small tensors take longer from one process to another
             worker_init_fn=_alone,
             generator=torch.Generator(),  # of seeds that nothing uses: the global one stays
         )
     )
+
+
+def _as_it_is(batch: Any) -> Any:
+    return batch
 
 
 def _alone(_: int) -> None:

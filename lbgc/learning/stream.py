@@ -2,12 +2,12 @@
 
 The dataset gives the bench (each stored recording's plate course, attitude, latitude, and what its
 unit and session fixed of the sensors' errors); heading, run bias and every in-run term are new.
-Recordings are drawn from their start and cut afterwards, since noise that wanders has come further
-in a window that begins later.
+Windows of a batch begin at one time, drawn for it, since noise that wanders has come further in a
+window that begins later.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.errors import InputError, build
 from lbgc.frames import euler_to_matrix, unrepeated
 from lbgc.learning.augment import on_plate
-from lbgc.learning.batches import crop
 from lbgc.sensor.batch import Lasting, measure_means
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
@@ -78,40 +77,44 @@ class Streamed:
         )
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
-        rows = rng.integers(len(self.recordings), size=count)
-        n = self.recordings.gyro.shape[1]
-        starts = rng.integers(n - steps + 1, size=count)
-        heading = rng.uniform(-np.pi, np.pi, count)
-        block = round(1 / (self.recordings.rate_hz * self.imu.dt))
-        rate, force = self._truth(rows, heading)
-        common = (n, self.imu.dt, block)
-        gyro = measure_means(self.imu.gyro, rng, rate, self.gyro.rows(rows), *common,
-                             force, self.imu.warming)  # fmt: skip
-        accel = measure_means(self.imu.accel, rng, force, self.accel.rows(rows), *common,
-                              None, self.imu.warming)  # fmt: skip
+        """Windows of one start, of recordings of which nothing else is drawn."""
         stored = self.recordings
+        rows = rng.integers(len(stored), size=count)
+        start = int(rng.integers(stored.gyro.shape[1] - steps + 1))
+        heading = rng.uniform(-np.pi, np.pi, count)
+        block = round(1 / (stored.rate_hz * self.imu.dt))
+        inside = slice(start, start + steps)
+        rate, force = self._truth(rows, heading, inside)
+        common = (steps, self.imu.dt, block)
+        gyro = measure_means(self.imu.gyro, rng, rate, self.gyro.rows(rows), *common,
+                             force, self.imu.warming, start)  # fmt: skip
+        accel = measure_means(self.imu.accel, rng, force, self.accel.rows(rows), *common,
+                              None, self.imu.warming, start)  # fmt: skip
         off = stored.heading_reference[rows] - stored.heading[rows]
-        drawn = replace(
-            stored,
-            gyro=gyro,
-            accel=accel,
-            plate_angle=stored.plate_angle[rows],
-            latitude=stored.latitude[rows],
-            heading=heading,
-            heading_reference=heading + off,
-            start_s=np.zeros(count),
+        return Windows(
+            gyro,
+            accel,
+            stored.plate_angle[rows, inside],
+            stored.rate_hz,
+            stored.latitude[rows],
+            heading,
+            heading + off,
+            np.full(count, start / stored.rate_hz),
         )
-        return drawn if steps == n else crop(drawn, np.arange(count), starts, steps)
 
-    def _truth(self, rows: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, n, 3), on a plate
-        that turns evenly within a block; (W, 1, 3) on one that rests."""
+    def _truth(
+        self, rows: np.ndarray, heading: np.ndarray, inside: slice
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, T, 3), inside
+        recordings on a plate that turns evenly within a block; (W, 1, 3) on one that rests."""
         stored = self.recordings
         late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
         reading = unrepeated(stored.plate_angle[rows])
         travel = np.gradient(reading, axis=1) if reading.shape[1] > 1 else 0 * reading
         angle, turning = reading - late * travel, travel * stored.rate_hz
         short = np.sinc(travel / (2 * np.pi))
+        if reading.shape[1] > 1:
+            angle, turning, short = angle[:, inside], turning[:, inside], short[:, inside]
         roll, pitch = self.attitude[rows].T
         base = euler_to_matrix(roll, pitch, heading)
         earth = np.einsum("wij,wi->wj", base, earth_rate_ned(stored.latitude[rows]))

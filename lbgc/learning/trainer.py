@@ -17,7 +17,7 @@ from tqdm import tqdm
 from lbgc.data.windows import Windows
 from lbgc.errors import reading
 from lbgc.learning import checkpoint, loss
-from lbgc.learning.ahead import Batch, Batches, ahead, tensors
+from lbgc.learning.ahead import Batch, Batches, ahead
 from lbgc.learning.batches import Examples, Sensed, every
 from lbgc.learning.model import RECURRENT, ModelConfig, make
 from lbgc.sensor import streams
@@ -71,7 +71,7 @@ class Trainer:
         self.schedule = _schedule(plan, self.optimiser)
         block = round(validation.rate_hz / sensed.rate_hz)
         self.validation = [
-            (window, *self._there(tensors(*sensed.examples(every(validation, steps * block)))))
+            (window, *self._there(sensed.examples(every(validation, steps * block))))
             for window, steps in plan.windows_steps.items()
         ]
         self.step = 0
@@ -137,8 +137,8 @@ class Trainer:
         finally:
             self._ahead = None
 
-    def batch(self) -> Batch:
-        """Input and target of this step."""
+    def batch(self) -> tuple[Tensor, Tensor]:
+        """Input and target, degrees, of this step."""
         return self._there(self._batches[self.step] if self._ahead is None else next(self._ahead))
 
     def _train(self) -> float:
@@ -152,10 +152,11 @@ class Trainer:
         self.schedule.step()
         return float(value.detach())
 
-    def _there(self, batch: Batch) -> Batch:
-        """Where the network is."""
-        x, target = batch
-        return x.to(self.device), target.to(self.device)
+    def _there(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Input and target, degrees, where the network is."""
+        x, off = batch
+        target = torch.from_numpy(np.rad2deg(off).astype(np.float32))
+        return torch.from_numpy(x).to(self.device), target.to(self.device)
 
     def _scale(self, stored: Windows) -> float:
         """RMS error of the base, rad, on the longest windows of the training split."""
@@ -207,8 +208,7 @@ class Trainer:
             self.validation, self.plan.windows_steps.values(), strict=True
         ):
             if self.source.fresh is not None:
-                drawn = tensors(*self.source.fresh.draw(rng, _FRESH, steps))
-                x, reference_deg = self._there(drawn)
+                x, reference_deg = self._there(self.source.fresh.draw(rng, _FRESH, steps))
             raw = self.net(x)
             heading, log_kappa = self.net.heading_deg(raw), self.net.log_kappa(raw).double()
             against = (changes / 2 / _KNOWN) ** 2 / 2 / len(x)

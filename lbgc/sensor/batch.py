@@ -38,8 +38,10 @@ def measure_means(
     block: int,
     force: np.ndarray | None = None,
     warming: Disturbance | None = None,
+    start: int = 0,
 ) -> np.ndarray:
-    """What the sensor prints on average over blocks, (W, n, 3), each row from a recording's start.
+    """What the sensor prints on average over blocks, (W, n, 3), of which `start` lie between the
+    recording's start and the first: noise that wanders has come so far.
 
     truth, force : (W, n or 1, 3), block means of what is measured and of the specific force, once
     where nothing moves; dt : s, the sensor's own interval. An output filter on what moves is left
@@ -52,15 +54,16 @@ def measure_means(
     if force is not None:
         signal += force @ np.swapaxes(lasting.g_sensitivity, 1, 2)
     if warming is not None and warming.rise_k != 0:
-        warmth = warming.rise(n, interval)[:, None]
+        warmth = warming.rise(start + n, interval)[start:, None]
         of_warmth = lasting.bias_per_k[:, None] + lasting.scale_per_k[:, None] * truth
         signal = signal + of_warmth * warmth
-    signal = signal + gaussian.sample_axes(triad.terms_of_means(dt), rng, count, n, interval)
+    signal = signal + gaussian.sample_axes(triad.terms_of_means(dt), rng, count, n, interval, start)
     for axis in range(3):
         if triad.tone[axis] > 0:
             phases = rng.uniform(0, 2 * np.pi, (count,))
             signal[..., axis] += triad.tone_of(axis).at_phase(phases, n, interval)
         if triad.R[axis] > 0:
             sign = rng.choice([-1.0, 1.0], count)
-            signal[..., axis] += noise.Ramp(triad.R[axis]).with_sign(sign, n, interval)
+            ramp = noise.Ramp(triad.R[axis]).with_sign(sign, start + n, interval)
+            signal[..., axis] += ramp[:, start:]
     return signal

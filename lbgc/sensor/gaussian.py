@@ -126,12 +126,14 @@ def sample(
     shape: tuple[int, ...],
     dt: float,
     out: np.ndarray | None = None,
+    start: int = 0,
 ) -> np.ndarray:
     """Draw the sum of Gaussian terms, with the exact joint law of its samples.
 
     shape : (*S, n), independent series and the samples of each; dt : s; rng : one for all, or one
-    for each of the first axis; out : where to, float32. Returns float32 (*S, n), in the terms'
-    unit. The state is carried in float64.
+    for each of the first axis; out : where to, float32; start : how many samples after the
+    recording's start these begin, of which nothing else is drawn. Returns float32 (*S, n), in the
+    terms' unit. The state is carried in float64.
     """
     *series, n = shape
     count = int(np.prod(series))
@@ -144,7 +146,8 @@ def sample(
     parts = 1 if isinstance(rng, np.random.Generator) else len(rng)
     drawn = _normals(rng, count, states + blocks * (size + states))
     # Each part's products are taken by themselves: by how many rows there are, BLAS rounds.
-    x = drawn[:, :states].reshape(parts, count // parts, states) @ factor.start.T
+    root = factor.start if start == 0 else _later_root(terms, dt, start)
+    x = drawn[:, :states].reshape(parts, count // parts, states) @ root.T
     e = drawn[:, states:].reshape(parts, -1, size + states)  # of each block, e and w
     if states:
         # What moved the state has done its work: the state itself takes its place.
@@ -206,10 +209,16 @@ def _group(F: bytes, p: int, group: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sample_axes(
-    axes: Sequence[Gaussians], rng: np.random.Generator, count: int, n: int, dt: float
+    axes: Sequence[Gaussians],
+    rng: np.random.Generator,
+    count: int,
+    n: int,
+    dt: float,
+    start: int = 0,
 ) -> np.ndarray:
     """`count` series of each of several axes, float32 (count, n, axes)."""
-    return np.stack([sample(terms, rng, (count, n), dt) for terms in axes], axis=-1)
+    own = [sample(terms, rng, (count, n), dt, start=start) for terms in axes]
+    return np.stack(own, axis=-1)
 
 
 def sample_means(
@@ -232,9 +241,7 @@ def covariance_of_means(
     the covariance of the state at the start of block j.
     """
     model = _sum_model(terms, dt * block)
-    P, states = model.P0, len(model.C)
-    for _ in range(start):
-        P = model.A @ P @ model.A.T + model.Q
+    P, states = _later(model, start), len(model.C)
     decay, toward = np.empty((n, states)), np.empty((n, states))
     covariance = np.zeros((n, n))
     power = np.eye(states)
@@ -248,6 +255,19 @@ def covariance_of_means(
     for j in range(n - 1):
         covariance[j, j + 1 :] = after[j, : n - 1 - j]
     return covariance + covariance.T
+
+
+def _later(model: MeansModel, start: int) -> np.ndarray:
+    """Covariance of the state so many intervals after the recording's start, (p, p)."""
+    P = model.P0
+    for _ in range(start):
+        P = model.A @ P @ model.A.T + model.Q
+    return P
+
+
+@lru_cache(maxsize=1024)
+def _later_root(terms: Gaussians, interval: float, start: int) -> np.ndarray:
+    return _square_root(_later(_sum_model(terms, interval), start))
 
 
 def autocovariance_of_means(terms: Gaussians, n: int, dt: float, block: int = 1) -> np.ndarray:
