@@ -83,8 +83,8 @@ def main() -> None:
         for model, options in CASES["models"].items():
             errors, seconds = [], []
             for seed in CASES["seeds"]:
-                asked = (f"data={train.place}", f"model={model}", f"steps={CASES['steps']}",
-                         f"seed={seed}", *options)  # fmt: skip
+                steps = () if any("steps=" in o for o in options) else (f"steps={CASES['steps']}",)
+                asked = (f"data={train.place}", f"model={model}", f"seed={seed}", *steps, *options)
                 run = lbgc.train.main(composed(TrainConfig, "train", *asked))
                 learned, said = Learned.load(run), json.loads((run / DESCRIPTION).read_text())
                 errors.append(scored(iter([windows]), {model: learned}, None)[model].rmse_deg)
