@@ -176,13 +176,13 @@ def _rigid(
 ) -> Iterator[Truth]:
     """On bases that do not move: all that rest together, or that one execution of a plan serves."""
     resting = {p: execute_resting(bench, gravity, p) for p in dict.fromkeys(plans) if not p.moves}
-    found = (resting.get(planned) or execute(bench, gravity, planned) for planned in plans)
     size = max(1, min(_TOGETHER, int(_TOGETHER_VALUES // (bench.samples // felt_block))))
-    each = zip(found, draws, strict=True)
-    for _, alike in groupby(each, lambda pair: pair[0] if pair[0].moves else None):
+    each = zip(plans, draws, strict=True)
+    for moving, alike in groupby(each, lambda pair: pair[0] if pair[0].moves else None):
         while some := list(islice(alike, size)):
-            executed, drawn = zip(*some, strict=True)
-            yield _rigid_truth(executed, drawn, latitude, gravity, block, felt_block)
+            planned, own = zip(*some, strict=True)
+            one = [execute(bench, gravity, moving)] if moving else [resting[p] for p in planned]
+            yield _rigid_truth(one, own, latitude, gravity, block, felt_block)
 
 
 def _rigid_truth(
@@ -193,10 +193,9 @@ def _rigid_truth(
     block: int,
     felt_block: int,
 ) -> Truth:
-    """executed : of plates that rest, each its own; or of one that moves, which serves all."""
+    """executed : one for all, or of plates that rest, each its own."""
     moves = executed[0].moves
-    one = executed[:1] if moves else executed
-    felt = [_felt(e, felt_block) if moves else e.felt for e in one]
+    felt = [_felt(e, felt_block) if moves else e.felt for e in executed]
     lean = np.array([(d.roll, d.pitch) for d in draws])
     level = euler_to_matrix(lean[:, 0], lean[:, 1], 0.0)  # (R, 3, 3), as all that follows
     to_n = rotation_z(np.array([d.azimuth for d in draws]))
@@ -204,10 +203,11 @@ def _rigid_truth(
     omega = np.stack([f.rate.T for f in felt]) + _in_body(felt, earth)
     force = np.stack([f.acceleration.T for f in felt]) - _in_body(felt, down)
     if moves:
-        force += np.stack([(felt[0].coriolis @ e).T for e in earth])
-    start = np.stack([e.start for e in one])
+        coriolis = np.ascontiguousarray(felt[0].coriolis.transpose(1, 0, 2))  # (3, n, 3), for BLAS
+        force += (coriolis @ earth[:, None, :, None])[..., 0]
+    start = np.stack([e.start for e in executed])
     angles = np.stack(matrix_to_euler(to_n @ level @ start), axis=-1)
-    control = to_n @ level @ np.stack([e.control for e in one])
+    control = to_n @ level @ np.stack([e.control for e in executed])
     plate_angle, stage = (_alike(part, len(draws)) for part in _course(executed[0], block))
     attitude = angles[:, None] * [1.0, 1.0, 0.0]  # at rest it stays as it was
     return Truth(
@@ -220,7 +220,7 @@ def _rigid_truth(
         heading_control=matrix_to_euler(control)[2],
         roll=angles[:, 0],
         pitch=angles[:, 1],
-        settling_s=np.array([e.settling_s for e in executed]),
+        settling_s=np.broadcast_to([e.settling_s for e in executed], len(draws)),
     )
 
 
