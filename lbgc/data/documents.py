@@ -64,13 +64,13 @@ class Layout:
         scale = self.scales.get(name)
         return np.dtype(VARIABLES[name].dtype or ("float32" if scale is None else "int32"))
 
-    def room(self, name: str, recordings: int) -> np.ndarray:
-        """An empty array for this variable of so many recordings, in memory as it is stored: axis
-        by axis, where it is (recording, time, axis)."""
+    def room(self, name: str, recordings: int, samples: int) -> np.ndarray:
+        """An empty array for this variable of so many recordings and samples of each, in memory as
+        it is stored: axis by axis, where it is (recording, time, axis)."""
         dims = VARIABLES[name].dims
-        sizes = {"recording": recordings, "time": self.samples, "axis": 3, "axis_in": 3}
+        sizes = {"recording": recordings, "time": samples, "axis": 3, "axis_in": 3}
         if dims == RECORDED:
-            return np.empty((recordings, 3, self.samples), self.dtype(name)).swapaxes(1, 2)
+            return np.empty((recordings, 3, samples), self.dtype(name)).swapaxes(1, 2)
         return np.empty(tuple(sizes[d] for d in dims), self.dtype(name))
 
     def rows(self, shard: int) -> range:

@@ -112,8 +112,8 @@ def _digest(arrays: Iterable[tuple[str, np.ndarray]]) -> bytes:
 
 
 def _contiguous(values: np.ndarray) -> Iterator[np.ndarray]:
-    """An array in the order of its axes, some recordings at a time where it lies in another:
-    (recording, time, axis), axis by axis in memory, is copied that way, at twice the speed."""
+    """An array in the order of its axes, some recordings at a time where it lies otherwise; what
+    lies axis by axis, (recording, time, axis), is copied that way, at twice numpy's speed."""
     if values.flags.c_contiguous:
         yield values
         return
@@ -121,8 +121,9 @@ def _contiguous(values: np.ndarray) -> Iterator[np.ndarray]:
     for first in range(0, len(values), size):
         part = values[first : first + size]
         copied = np.empty(part.shape, part.dtype)
-        for axis in range(part.shape[-1]):
-            copied[..., axis] = part[..., axis]
+        axes = [(..., axis) for axis in range(part.shape[2])] if part.ndim == 3 else [...]
+        for own in axes:
+            copied[own] = part[own]
         yield copied
 
 
@@ -244,7 +245,8 @@ class Dataset:
         """Write all variables of a shard's recordings, then its checksums.
 
         batch : name -> array whose first axis is the shard's recordings, for every variable;
-        fastest where (recording, time, axis) lies axis by axis in memory, as it is stored.
+        fastest where (recording, time, axis) lies axis by axis in memory, as it is stored, and
+        what stands still is `np.broadcast_to`: see `lbgc.data.shard`.
         Raises InputError where it cannot be written.
         """
         missing = set(VARIABLES) ^ set(batch)

@@ -262,7 +262,7 @@ class Triad:
         """
         signal = self._noise(self.terms, rng, errors, n, dt)
         signal += self._response(truth, errors, n, dt, disturbance).astype(np.float32)
-        saturated = np.zeros(n, bool)
+        saturated = np.broadcast_to(False, n)
         if self.range is not None and max(signal.max(), -signal.min()) > self.range:
             saturated = (np.abs(signal) > self.range).any(axis=0)
             np.clip(signal, -self.range, self.range, out=signal)
