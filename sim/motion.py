@@ -28,7 +28,7 @@ from sim.poses import Bench, Executed
 from sim.scene import SceneConfig
 
 _POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
-_TOGETHER, _TOGETHER_VALUES = 64, 1e5  # recordings worked out at once, and values of each axis
+_TOGETHER_VALUES = 1e5  # of each axis, of recordings on plates that move: worked out at once
 
 
 @dataclass(frozen=True)
@@ -110,9 +110,9 @@ class Truth:
         """How many recordings' it is."""
         return len(self.heading)
 
-    def __getitem__(self, row: int) -> "Truth":
-        """One recording's."""
-        return Truth(**{name: values[row] for name, values in vars(self).items()})
+    def __getitem__(self, rows: int | slice) -> "Truth":
+        """One recording's, or some ones'."""
+        return Truth(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def truth(bench: Bench, plan: Plan, latitude: float, drawn: Draw) -> Truth:
@@ -176,10 +176,10 @@ def _rigid(
 ) -> Iterator[Truth]:
     """On bases that do not move: all that rest together, or that one execution of a plan serves."""
     resting = {p: execute_resting(bench, gravity, p) for p in dict.fromkeys(plans) if not p.moves}
-    size = max(1, min(_TOGETHER, int(_TOGETHER_VALUES // (bench.samples // felt_block))))
+    together = max(1, int(_TOGETHER_VALUES // (bench.samples // felt_block)))
     each = zip(plans, draws, strict=True)
     for moving, alike in groupby(each, lambda pair: pair[0] if pair[0].moves else None):
-        while some := list(islice(alike, size)):
+        while some := list(islice(alike, together if moving else None)):
             planned, own = zip(*some, strict=True)
             one = [execute(bench, gravity, moving)] if moving else [resting[p] for p in planned]
             yield _rigid_truth(one, own, latitude, gravity, block, felt_block)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 Lasting = tuple[UnitErrors, np.ndarray]
 """What their units and sessions fixed of a triad's errors, with one row a recording; the latter a
 bias, (R, 3)."""
+_TOGETHER, _TOGETHER_VALUES = 64, 100_000
+"""Recordings worked out at once, and values of each axis: they stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +135,8 @@ def batches(
         config.bench, plans, latitude, draws, threads, height, block, every_sample=not means
     )
     lasting, split = sensor.lasting(rows), _split(config, rows)
-    at = 0
-    for truth in truths:
+    together, at = max(1, min(_TOGETHER, _TOGETHER_VALUES // (config.samples // block))), 0
+    for truth in (t[k : k + together] for t in truths for k in range(0, len(t), together)):
         some = slice(at, at + len(truth))
         own = {p: (unit.rows(some), session[some]) for p, (unit, session) in lasting.items()}
         values = _measured(config, sensor, rows[some], truth, own)

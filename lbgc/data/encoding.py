@@ -69,4 +69,4 @@ def encoded(values: np.ndarray, chunk: int, whole: int) -> bytes:
     sizes = np.array([len(c) for c in chunks], np.uint64)
     index[: len(chunks), 0] = np.cumsum(sizes) - sizes
     index[: len(chunks), 1] = sizes
-    return b"".join(chunks) + with_checksum(index.astype("<u8").tobytes())
+    return b"".join([*chunks, with_checksum(index.astype("<u8").tobytes())])
