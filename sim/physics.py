@@ -183,7 +183,8 @@ def execute_swaying(
     for begin in range(0, total, size):
         count = min(size, total - begin)
         control = np.stack([_servo(model, bench, p, begin - lead, count) for p in plans])
-        control[:, :, motors] = [f[begin : begin + count] for f in forces]
+        for own, force in zip(control, forces, strict=True):
+            own[:, motors] = force[begin : begin + count]
         after, sensors = roll(models, states, control, pool)
         states = list(after[:, -1])
         for own, sensed in zip(parts, sensors, strict=True):
