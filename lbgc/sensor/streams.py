@@ -35,7 +35,8 @@ def recording(seed: int, index: int, purpose: Purpose) -> np.random.Generator:
 
 
 def recordings(seed: int, rows: Sequence[int], purpose: Purpose) -> list[np.random.Generator]:
-    """`recording` of each, seeded together, in a fifth of the time: means take little more."""
+    """`recording` of each (rows below 2^32), seeded together in a fifth of the time, which is
+    much where a recording is a few means."""
     words = _seeds(seed, np.array(rows, np.uint32), purpose)
     seeds = map(_Seed, words)
     return [np.random.Generator(np.random.SFC64(own)) for own in seeds]  # type: ignore[arg-type]
@@ -73,11 +74,13 @@ def _seeds(seed: int, rows: np.ndarray, purpose: Purpose) -> np.ndarray:
 
 
 def _hashed(value: np.ndarray, factor: int, by: int) -> np.ndarray:
+    """SeedSequence's hash of words, uint32 (R,), whose factor grows by `by` each time."""
     product: np.ndarray = (value ^ np.uint32(factor % 2**32)) * np.uint32(factor * by % 2**32)
     return product ^ (product >> _HALF)
 
 
 def _mixed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A word of its pool with a hashed one worked in, uint32 (R,) each."""
     mixed: np.ndarray = _MIX_L * x - _MIX_R * y
     return mixed ^ (mixed >> _HALF)
 
