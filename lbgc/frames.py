@@ -74,19 +74,15 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     Its sine part is half the vector of M - M'; angle/sin(angle) follows from its length and the
     trace (Groves 2013, eq. 2.23), so that small rotations keep all their digits.
     """
-    twice = np.stack(
-        [
-            matrix[..., 2, 1] - matrix[..., 1, 2],
-            matrix[..., 0, 2] - matrix[..., 2, 0],
-            matrix[..., 1, 0] - matrix[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    sine = np.linalg.norm(twice, axis=-1) / 2
-    angle = np.arctan2(sine, (np.trace(matrix, axis1=-2, axis2=-1) - 1) / 2)
+    x = matrix[..., 2, 1] - matrix[..., 1, 2]  # by component: axes of three are slow
+    y = matrix[..., 0, 2] - matrix[..., 2, 0]
+    z = matrix[..., 1, 0] - matrix[..., 0, 1]
+    sine = np.sqrt(x * x + y * y + z * z) / 2
+    trace = matrix[..., 0, 0] + matrix[..., 1, 1] + matrix[..., 2, 2]
+    angle = np.arctan2(sine, (trace - 1) / 2)
     small = sine < 1e-4
-    ratio = np.where(small, 1 + sine**2 / 6, angle / np.where(small, 1.0, sine))
-    return twice * (ratio / 2)[..., None]
+    half = np.where(small, 1 + sine**2 / 6, angle / np.where(small, 1.0, sine)) / 2
+    return np.stack([x * half, y * half, z * half], axis=-1)
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """What the plate is asked to do: a pure plan. `sim/motion.py` executes it with physics."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -129,13 +130,21 @@ def plan(config: ProtocolConfig, recording: int, duration_s: float) -> Plan:
 
     Raises InputError where the protocol takes longer than the recording.
     """
+    steps = 1
+    if config.kind == "heading_scan":
+        steps = max(1, round(2 * np.pi / float(np.deg2rad(config.step_deg))))
+    return _plan(config, recording % steps, duration_s)
+
+
+@lru_cache(maxsize=4096)
+def _plan(config: ProtocolConfig, place: int, duration_s: float) -> Plan:
+    """place : in a scan, how many steps it has come"""
     rate, acceleration = np.deg2rad(config.slew_deg_per_s), np.deg2rad(config.slew_deg_per_s2)
     limits = (float(rate), float(acceleration))
     whole = 2 * np.pi
     if config.kind == "heading_scan":
         step = float(np.deg2rad(config.step_deg))
-        steps = max(1, round(whole / step))
-        return Plan(recording % steps * step, step, step, *limits)
+        return Plan(place * step, step, step, *limits)
     if config.kind == "static":
         return Plan(0.0, 0.0, whole, *limits)
     if config.kind == "carousel":

@@ -276,7 +276,7 @@ class FloorConfig:
     tilting: TiltingConfig = field(default_factory=TiltingConfig)
     moored: MooredConfig = field(default_factory=MooredConfig)
 
-    @property
+    @cached_property
     def moves(self) -> bool:
         """Whether any of them is on."""
         return any(part.is_on for part in self._parts)

@@ -19,7 +19,8 @@ import lbgc
 from lbgc.data import store
 from lbgc.data.place import Place
 from lbgc.data.record import whole_multiple
-from lbgc.data.schema import SCHEMA, VARIABLES
+from lbgc.data.schema import SCHEMA
+from lbgc.data.shard import Shard
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require, require_choice, require_positive, run_main
 from lbgc.outputs import fingerprint, mark_latest, task_directory
@@ -211,16 +212,12 @@ def _make(
     time, and a product's last bits could depend on how many there are.
     """
     rows = dataset.layout.rows(shard)
-    batch = {name: dataset.layout.room(name, len(rows)) for name in VARIABLES}
-    at = 0
+    made = Shard(dataset.layout, len(rows))
     for part in batches(config, Sensor.of(config), rows):
-        count = len(part["heading"])
-        for name, values in part.items():
-            batch[name][at : at + count] = values
-        at += count
-        for _ in range(count):
+        made.append(part)
+        for _ in part["heading"]:
             tick()
-    dataset.write_shard(shard, batch)
+    dataset.write_shard(shard, made.variables())
 
 
 def _out(config: GenerateConfig) -> Path | str:

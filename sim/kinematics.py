@@ -103,10 +103,11 @@ def felt(
 
 def _rows_cross(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """matrix [vector x]: each row's cross product with the vector; (m, 3, 3), (m, 3)."""
-    a, b, c = (matrix[:, :, i] for i in range(3))
-    x, y, z = (vector[:, i, None] for i in range(3))
+    a, b, c = np.ascontiguousarray(matrix.transpose(2, 1, 0))  # (3, m) each: long rows are fast
+    x, y, z = np.ascontiguousarray(vector.T)
     out = np.empty_like(matrix)
-    out[:, :, 0], out[:, :, 1], out[:, :, 2] = b * z - c * y, c * x - a * z, a * y - b * x
+    for column, product in enumerate((b * z - c * y, c * x - a * z, a * y - b * x)):
+        out[:, :, column] = product.T
     return out
 
 

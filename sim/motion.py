@@ -11,7 +11,8 @@ each recording's samples.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
+from itertools import groupby, islice
 
 import numpy as np
 
@@ -22,12 +23,12 @@ from lbgc.sensor import streams
 from sim import kinematics, sway
 from sim.disturbance import Floor, pick
 from sim.kinematics import Felt
-from sim.physics import execute, execute_swaying, lead_steps
+from sim.physics import execute, execute_resting, execute_swaying, lead_steps
 from sim.poses import Bench, Executed
 from sim.scene import SceneConfig
 
 _POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
-_TOGETHER, _TOGETHER_VALUES = 64, 1e5  # recordings worked out at once, and values of each axis
+_TOGETHER_VALUES = 1e5  # of each axis, of recordings on plates that move: worked out at once
 
 
 @dataclass(frozen=True)
@@ -59,28 +60,28 @@ def draw(
 ) -> Draw:
     """From the recording's own stream, which nothing else draws from, and which is only begun where
     anything is drawn. azimuth : rad, of the base where the scene does not fix it."""
-    base, floor, level, forces = (partial(_child, stream, k) for k in range(4))
+
+    def own(number: int) -> np.random.Generator:
+        return streams.child(stream(), number)
+
     roll = pitch = 0.0
     if scene.level_error_deg > 0:
-        roll, pitch = scene.level_error_deg * base().standard_normal(2)
+        roll, pitch = scene.level_error_deg * own(0).standard_normal(2)
     fixed = scene.base_azimuth_deg
     return Draw(
         azimuth=azimuth if fixed is None else float(np.deg2rad(fixed)),
         roll=float(np.deg2rad(scene.base_roll_deg + roll)),
         pitch=float(np.deg2rad(scene.base_pitch_deg + pitch)),
-        floor=scene.floor.draw(floor(), duration_s) if scene.floor.moves else scene.floor.still,
-        sway_level=pick(level(), scene.sway.level) if scene.sway.present else 0.0,
-        sway=forces() if scene.sway.present else None,
+        floor=scene.floor.draw(own(1), duration_s) if scene.floor.moves else scene.floor.still,
+        sway_level=pick(own(2), scene.sway.level) if scene.sway.present else 0.0,
+        sway=own(3) if scene.sway.present else None,
     )
-
-
-def _child(stream: Callable[[], np.random.Generator], number: int) -> np.random.Generator:
-    return streams.child(stream(), number)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Of the test module, over a recording of n blocks; a block may be one sample."""
+    """Of the test module, over a recording of n blocks; a block may be one sample. Of several
+    recordings, each array has one more axis in front."""
 
     omega_ib_b: np.ndarray
     """(3, n), or (3, 1) where it is constant; rad/s, means over the block; of each of its samples,
@@ -94,16 +95,24 @@ class Truth:
     attitude: np.ndarray
     """(n, 3) or (1, 3), rad, true at the samples' ends, mean over the block: roll, pitch, and the
     heading less `heading` and the plate's true angle: how far the base and the axis turned it"""
-    heading: float
-    """rad, at the recording's start"""
-    heading_control: float
-    """rad, of the control module, likewise"""
-    roll: float
-    """rad, at the recording's start"""
-    pitch: float
-    """rad, likewise"""
-    settling_s: float
-    """Physics that it took the plate to come to rest before the recording"""
+    heading: np.ndarray
+    """(), rad, at the recording's start"""
+    heading_control: np.ndarray
+    """(), rad, of the control module, likewise"""
+    roll: np.ndarray
+    """(), rad, at the recording's start"""
+    pitch: np.ndarray
+    """(), rad, likewise"""
+    settling_s: np.ndarray
+    """(), physics that it took the plate to come to rest before the recording"""
+
+    def __len__(self) -> int:
+        """How many recordings' it is."""
+        return len(self.heading)
+
+    def __getitem__(self, rows: int | slice) -> "Truth":
+        """One recording's, or some ones'."""
+        return Truth(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def truth(bench: Bench, plan: Plan, latitude: float, drawn: Draw) -> Truth:
@@ -111,7 +120,7 @@ def truth(bench: Bench, plan: Plan, latitude: float, drawn: Draw) -> Truth:
 
     Raises InputError where the servo cannot do the plan, or the plate does not come to rest.
     """
-    return next(truths(bench, [plan], latitude, [drawn]))
+    return next(truths(bench, [plan], latitude, [drawn]))[0]
 
 
 def truths(
@@ -124,7 +133,8 @@ def truths(
     block: int = 1,
     every_sample: bool = False,
 ) -> Iterator[Truth]:
-    """The same for several recordings, which share so many threads where the base sways.
+    """The same for several recordings, some at a time; they share so many threads where the base
+    sways. Each is worked out by itself, to the bit, whatever others there are.
 
     height : m, above the ellipsoid; block : samples, to take means over; every_sample : of rate and
     force take none, since the sensor is not linear."""
@@ -139,19 +149,19 @@ def truths(
         felt = every.averaged(felt_block)
         to_n = rotation_z(drawn.azimuth)
         earth, down = to_n.T @ earth_rate_ned(latitude), np.array([0.0, 0.0, gravity])
-        roll, pitch, heading = (float(a) for a in matrix_to_euler(to_n @ start))
+        roll, pitch, heading = matrix_to_euler((to_n @ start)[None])
         plate_angle, stage = _course(executed, block)
         yield Truth(
-            omega_ib_b=felt.omega(earth),
-            f_ib_b=felt.force(earth, down),
-            plate_angle=plate_angle,
-            stage=stage,
-            attitude=_attitude(ends, start, executed, block),
+            omega_ib_b=felt.omega(earth)[None],
+            f_ib_b=felt.force(earth, down)[None],
+            plate_angle=plate_angle[None],
+            stage=stage[None],
+            attitude=_attitude(ends, start, executed, block)[None],
             heading=heading,
-            heading_control=float(matrix_to_euler(to_n @ control)[2]),
+            heading_control=matrix_to_euler((to_n @ control)[None])[2],
             roll=roll,
             pitch=pitch,
-            settling_s=executed.settling_s,
+            settling_s=np.array([executed.settling_s]),
         )
 
 
@@ -164,65 +174,59 @@ def _rigid(
     block: int,
     felt_block: int,
 ) -> Iterator[Truth]:
-    """On bases that do not move: some recordings at a time, all that one execution of a plan serves
-    together. Each is worked out by itself, to the bit, whatever others there are."""
-    resting: dict[Plan, Executed] = {}
-    size = max(1, min(_TOGETHER, int(_TOGETHER_VALUES // (bench.samples // felt_block))))
-    for first in range(0, len(plans), size):
-        groups: dict[Executed | None, list[tuple[int, Executed]]] = {}
-        for at, planned in enumerate(plans[first : first + size]):
-            executed = resting.get(planned) or execute(bench, gravity, planned)
-            if not executed.moves:
-                resting[planned] = executed
-            groups.setdefault(executed if executed.moves else None, []).append((at, executed))
-        found: dict[int, Truth] = {}
-        for members in groups.values():
-            own = [draws[first + at] for at, _ in members]
-            alike = [executed for _, executed in members]
-            made = _rigid_truths(alike, own, latitude, gravity, block, felt_block)
-            found |= zip((at for at, _ in members), made, strict=True)
-        yield from (found[at] for at in range(len(found)))
+    """On bases that do not move: all that rest together, or that one execution of a plan serves."""
+    resting = {p: execute_resting(bench, gravity, p) for p in dict.fromkeys(plans) if not p.moves}
+    together = max(1, int(_TOGETHER_VALUES // (bench.samples // felt_block)))
+    each = zip(plans, draws, strict=True)
+    for moving, alike in groupby(each, lambda pair: pair[0] if pair[0].moves else None):
+        while some := list(islice(alike, together if moving else None)):
+            planned, own = zip(*some, strict=True)
+            one = [execute(bench, gravity, moving)] if moving else [resting[p] for p in planned]
+            yield _rigid_truth(one, own, latitude, gravity, block, felt_block)
 
 
-def _rigid_truths(
+def _rigid_truth(
     executed: Sequence[Executed],
     draws: Sequence[Draw],
     latitude: float,
     gravity: float,
     block: int,
     felt_block: int,
-) -> Iterator[Truth]:
+) -> Truth:
     """executed : one for all, or of plates that rest, each its own."""
-    one = executed[:1] if executed[0].moves else executed
-    felt = [_felt(e, felt_block) if e.moves else e.felt for e in one]
-    roll, pitch = np.array([(d.roll, d.pitch) for d in draws]).T
-    level = euler_to_matrix(roll, pitch, 0.0)  # (R, 3, 3), as all that follows
+    moves = executed[0].moves
+    felt = [_felt(e, felt_block) if moves else e.felt for e in executed]
+    lean = np.array([(d.roll, d.pitch) for d in draws])
+    level = euler_to_matrix(lean[:, 0], lean[:, 1], 0.0)  # (R, 3, 3), as all that follows
     to_n = rotation_z(np.array([d.azimuth for d in draws]))
     earth, down = earth_rate_ned(latitude) @ (to_n @ level), gravity * level[:, 2]  # (R, 3), in A
     omega = np.stack([f.rate.T for f in felt]) + _in_body(felt, earth)
     force = np.stack([f.acceleration.T for f in felt]) - _in_body(felt, down)
-    if executed[0].moves:
-        force += np.stack([(felt[0].coriolis @ e).T for e in earth])
-    start = np.stack([e.start for e in one])
-    now = to_n @ level @ start
-    angles = np.stack(matrix_to_euler(now), axis=-1)
-    control = matrix_to_euler(to_n @ level @ np.stack([e.control for e in one]))[2]
+    if moves:
+        coriolis = np.ascontiguousarray(felt[0].coriolis.transpose(1, 0, 2))  # (3, n, 3), for BLAS
+        force += (coriolis @ earth[:, None, :, None])[..., 0]
+    start = np.stack([e.start for e in executed])
+    angles = np.stack(matrix_to_euler(to_n @ level @ start), axis=-1)
+    control = to_n @ level @ np.stack([e.control for e in executed])
+    plate_angle, stage = (_alike(part, len(draws)) for part in _course(executed[0], block))
     attitude = angles[:, None] * [1.0, 1.0, 0.0]  # at rest it stays as it was
-    for r, (own, drawn) in enumerate(zip(executed, draws, strict=True)):
-        plate_angle, stage = _course(own, block)
-        lean = drawn.roll, drawn.pitch
-        yield Truth(
-            omega_ib_b=omega[r],
-            f_ib_b=force[r],
-            plate_angle=plate_angle,
-            stage=stage,
-            attitude=_rigid_attitude(own, lean, block) if own.moves else attitude[r],
-            heading=float(angles[r, 2]),
-            heading_control=float(control[r]),
-            roll=float(angles[r, 0]),
-            pitch=float(angles[r, 1]),
-            settling_s=own.settling_s,
-        )
+    return Truth(
+        omega_ib_b=omega,
+        f_ib_b=force,
+        plate_angle=plate_angle,
+        stage=stage,
+        attitude=_rigid_attitudes(executed[0], lean, block) if moves else attitude,
+        heading=angles[:, 2],
+        heading_control=matrix_to_euler(control)[2],
+        roll=angles[:, 0],
+        pitch=angles[:, 1],
+        settling_s=np.broadcast_to([e.settling_s for e in executed], len(draws)),
+    )
+
+
+def _alike(values: np.ndarray, count: int) -> np.ndarray:
+    """One recording's as that of so many."""
+    return np.broadcast_to(values, (count, *values.shape))
 
 
 def _in_body(felt: Sequence[Felt], vectors: np.ndarray) -> np.ndarray:
@@ -308,6 +312,12 @@ def _at_start(executed: Executed, drawn: Draw) -> tuple[np.ndarray, np.ndarray]:
     turned = rotation_matrix(drawn.floor.motion(np.zeros(1))[0][0])
     floor = turned @ _level(executed.bench, drawn)
     return floor @ executed.start, floor @ executed.control
+
+
+def _rigid_attitudes(executed: Executed, lean: np.ndarray, block: int) -> np.ndarray:
+    """See Truth, (R, n, 3); mostly all bases lean alike. lean : (R, 2), roll and pitch in rad."""
+    each = [_rigid_attitude(executed, own, block) for own in map(tuple, lean.tolist())]
+    return _alike(each[0], len(each)) if len(set(map(id, each))) == 1 else np.stack(each)
 
 
 @lru_cache(maxsize=64)

@@ -58,6 +58,12 @@ def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
     return Executed(bench, tuple(stretches), control, settling)
 
 
+@lru_cache(maxsize=512)
+def execute_resting(bench: Bench, gravity: float, plan: Plan) -> Executed:
+    """The same of a plan without moves, which holds a single pose and is kept for long."""
+    return execute(bench, gravity, plan)
+
+
 @lru_cache(maxsize=4096)
 def _sensed(scene: SceneConfig, gravity: float, angle: float) -> tuple[Poses, np.ndarray]:
     """At rest at this angle: the test module's pose, and the control module's attitude."""
@@ -72,7 +78,7 @@ def _sensed(scene: SceneConfig, gravity: float, angle: float) -> tuple[Poses, np
 def _rest(bench: Bench, gravity: float, angle: float, first: int, samples: int) -> Stretch:
     """Where the plate stands."""
     poses, _ = _sensed(bench.scene, gravity, angle)
-    return Stretch(first, samples, poses, np.full(samples, REST, np.int8))
+    return Stretch(first, samples, poses, np.broadcast_to(np.int8(REST), samples))
 
 
 def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) -> Stretch:
@@ -177,7 +183,8 @@ def execute_swaying(
     for begin in range(0, total, size):
         count = min(size, total - begin)
         control = np.stack([_servo(model, bench, p, begin - lead, count) for p in plans])
-        control[:, :, motors] = [f[begin : begin + count] for f in forces]
+        for own, force in zip(control, forces, strict=True):
+            own[:, motors] = force[begin : begin + count]
         after, sensors = roll(models, states, control, pool)
         states = list(after[:, -1])
         for own, sensed in zip(parts, sensors, strict=True):

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import islice
 from math import gcd
 from typing import TYPE_CHECKING
 
@@ -20,10 +19,11 @@ from sim.motion import Draw, Truth
 if TYPE_CHECKING:
     from sim.generate import GenerateConfig
 
-Lasting = dict[Purpose, tuple[UnitErrors, np.ndarray]]
-"""What a triad's unit and session fixed of its errors."""
-_TOGETHER = 64
-"""Recordings of means that are worked out at once."""
+Lasting = tuple[UnitErrors, np.ndarray]
+"""What their units and sessions fixed of a triad's errors, with one row a recording; the latter a
+bias, (R, 3)."""
+_TOGETHER, _TOGETHER_VALUES = 64, 100_000
+"""Recordings worked out at once, and values of each axis: they stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -43,38 +43,64 @@ class Sensor:
     def triads(self) -> tuple[tuple[str, Triad, Purpose], ...]:
         return ("gyro", self.gyro, Purpose.GYRO), ("accel", self.accel, Purpose.ACCEL)
 
+    def lasting(self, rows: Sequence[int]) -> dict[Purpose, Lasting]:
+        """Of each triad, drawn once a unit and session."""
+        seed, units = self.config.unit_seed, self.config.units
+        unit, session = _lifetimes(self.config, rows)
+        own, row = np.unique(session * units + unit, return_inverse=True)
+        drawn: dict[Purpose, list[Lasting]] = {purpose: [] for _, _, purpose in self.triads()}
+        for of_session, of_unit in (divmod(k, units) for k in own.tolist()):
+            rngs = streams.unit(seed, of_unit), streams.session(seed, of_unit, of_session)
+            for _, triad, purpose in self.triads():
+                drawn[purpose].append((triad.draw_unit(rngs[0]), triad.draw_session(rngs[1])))
+        return {purpose: _rows(each, row) for purpose, each in drawn.items()}
+
     def drawn(
-        self, triad: Triad, purpose: Purpose, rows: Sequence[int], lasting: Sequence[Lasting]
+        self, triad: Triad, purpose: Purpose, rows: Sequence[int], lasting: Lasting
     ) -> tuple[list[np.random.Generator], TriadErrors]:
         """What is drawn of a triad before each of these recordings, and where its noise is from."""
-        rngs = [streams.recording(self.config.seed, i, purpose) for i in rows]
-        each = [
-            triad.draw_run(rng, *kept[purpose]) for rng, kept in zip(rngs, lasting, strict=True)
-        ]
-        return rngs, TriadErrors.of(each)
+        rngs = streams.recordings(self.config.seed, rows, purpose)
+        return rngs, triad.draw_run(rngs, *lasting)
+
+    def timed(self, rows: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """What is printed as each sample's time less the true time, (R, n) in s, and which samples
+        are lost, bool (R, n)."""
+        n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
+        if self.timing.is_exact:
+            return np.broadcast_to(0.0, (len(rows), n)), np.broadcast_to(False, (len(rows), n))
+        rngs = streams.recordings(self.config.seed, rows, Purpose.TIMING)
+        error, lost = zip(*(self.timing.draw(rng, n, dt) for rng in rngs), strict=True)
+        return _stacked(error), _stacked(lost)
 
     def measure(
         self,
         triad: Triad,
         rngs: Sequence[np.random.Generator],
-        truth: Sequence[np.ndarray],
+        truth: np.ndarray,
         errors: TriadErrors,
-        force: Sequence[np.ndarray] | None,
+        force: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What is stored, (R, 3, n), and which of it was at its range, (R, n): of several
-        recordings where these are means, else of one."""
+        """What is stored of some recordings, (R, 3, n), and which of it was at its range, (R, n).
+        truth, force : (R, 3, 1) or (R, 3, n)."""
         n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
         warming = vars(self.config.imu.temperature)
         if self.config.output == "means":
-            block = self.config.block
-            disturbance = Disturbance(None if force is None else np.stack(force), **warming)
-            means = triad.measure_means(rngs, np.stack(truth), errors, n, dt, block, disturbance)
-            return means, np.zeros((len(rngs), n), bool)
-        (rng,), (only,) = rngs, truth
-        disturbance = Disturbance(None if force is None else force[0], **warming)
-        own = TriadErrors(**{name: value[0] for name, value in vars(errors).items()})
-        printed, saturated = triad.measure(rng, only, own, n, dt, disturbance)
-        return printed[None], saturated[None]
+            block, disturbance = self.config.block, Disturbance(force, **warming)
+            means = triad.measure_means(rngs, truth, errors, n, dt, block, disturbance)
+            return means, np.broadcast_to(False, (len(rngs), n))
+        each = []
+        for at, rng in enumerate(rngs):
+            disturbance = Disturbance(None if force is None else force[at], **warming)
+            each.append(triad.measure(rng, truth[at], errors.rows(at), n, dt, disturbance))
+        printed, saturated = zip(*each, strict=True)
+        return _stacked(printed), _stacked(saturated)
+
+
+def _rows(each: Sequence[Lasting], pick: np.ndarray | slice) -> Lasting:
+    """These of several."""
+    units, sessions = zip(*each, strict=True)
+    stacked = {name: np.stack([vars(u)[name] for u in units]) for name in vars(units[0])}
+    return UnitErrors(**stacked).rows(pick), np.stack(sessions)[pick]
 
 
 def recordings(
@@ -93,105 +119,87 @@ def batches(
     and on its own number alone."""
     latitude = float(np.deg2rad(config.latitude))
     plans = [plan(config.protocol, i, config.duration_s) for i in rows]
-    labels = [streams.recording(config.seed, i, Purpose.LABELS) for i in rows]
+    share, misread = _labels(config, rows)
     draws = [
         motion.draw(
             config.scene,
-            planned.azimuth_range * (own.uniform() - 0.5),
+            planned.azimuth_range * own,
             partial(streams.recording, config.seed, i, Purpose.MOTION),
             config.duration_s,
         )
-        for i, planned, own in zip(rows, plans, labels, strict=True)
+        for i, planned, own in zip(rows, plans, share, strict=True)
     ]
-    threads = config.cluster.threads
     means = config.imu.model(config.rate_hz).averages_motion
+    threads, height, block = config.cluster.threads, config.height_m, config.block
     truths = motion.truths(
-        config.bench, plans, latitude, draws, threads, config.height_m, config.block, not means
+        config.bench, plans, latitude, draws, threads, height, block, every_sample=not means
     )
-    sigma = np.deg2rad(config.scene.reference_error_deg)
-    lasting: dict[tuple[int, int], Lasting] = {}
-    size = _TOGETHER if config.output == "means" else 1
-    for first in range(0, len(rows), size):
-        some = slice(first, first + size)
-        felt = list(islice(truths, size))
-        reference = [t.heading_control + sigma * own.standard_normal() - np.pi
-                     for t, own in zip(felt, labels[some], strict=True)]  # fmt: skip
-        values = _measured(config, sensor, rows[some], felt, lasting)
-        values |= _moved(config, felt, draws[some])
+    lasting, split = sensor.lasting(rows), _split(config, rows)
+    together, at = max(1, min(_TOGETHER, _TOGETHER_VALUES // (config.samples // block))), 0
+    for truth in (t[k : k + together] for t in truths for k in range(0, len(t), together)):
+        some = slice(at, at + len(truth))
+        own = {p: (unit.rows(some), session[some]) for p, (unit, session) in lasting.items()}
+        values = _measured(config, sensor, rows[some], truth, own)
+        values |= _moved(truth, draws[some])
         values |= {
-            "heading_reference": wrap(np.array(reference)),
-            "latitude": np.full(len(felt), latitude),
-            "split": np.array([_split(config, i, *_lifetimes(config, i)) for i in rows[some]]),
+            "heading_reference": wrap(truth.heading_control + misread[some] - np.pi),
+            "latitude": np.full(len(truth), latitude),
+            "split": split[some],
         }
         yield values
+        at = some.stop
 
 
-def _lifetimes(config: "GenerateConfig", i: int) -> tuple[int, int]:
-    """Unit and session of a recording."""
-    return i % config.units, (i // config.units) % config.sessions
+def _labels(config: "GenerateConfig", rows: Sequence[int]) -> tuple[list[float], np.ndarray]:
+    """Where the bases point in their ranges, -0.5 to 0.5, and what the control module's headings
+    are off by, (R,), rad."""
+    rngs = streams.recordings(config.seed, rows, Purpose.LABELS)
+    share = [rng.uniform() - 0.5 for rng in rngs]
+    sigma = np.deg2rad(config.scene.reference_error_deg)
+    return share, sigma * np.array([rng.standard_normal() for rng in rngs])
 
 
-def _lasting(config: "GenerateConfig", sensor: Sensor, unit: int, session: int) -> Lasting:
-    """What a unit and a session of it fixed of each triad's errors."""
-    of_unit = streams.unit(config.unit_seed, unit)
-    of_session = streams.session(config.unit_seed, unit, session)
-    return {
-        purpose: (triad.draw_unit(of_unit), triad.draw_session(of_session))
-        for _, triad, purpose in sensor.triads()
-    }
+def _lifetimes(config: "GenerateConfig", rows: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Unit and session of each recording."""
+    session, unit = np.divmod(np.array(rows), config.units)
+    return unit, session % config.sessions
 
 
 def _measured(
     config: "GenerateConfig",
     sensor: Sensor,
     rows: Sequence[int],
-    truths: Sequence[Truth],
-    lasting: dict[tuple[int, int], Lasting],
+    truth: Truth,
+    lasting: dict[Purpose, Lasting],
 ) -> dict[str, np.ndarray]:
     """What the sensors print of these recordings, and what was drawn of their errors."""
-    lifetimes = [_lifetimes(config, i) for i in rows]
-    for own in lifetimes:
-        if own not in lasting:
-            lasting[own] = _lasting(config, sensor, *own)
-    n = config.samples // config.block
-    timing = [
-        sensor.timing.draw(
-            partial(streams.recording, config.seed, i, Purpose.TIMING), n, 1 / config.rate_hz
-        )
-        for i in rows
-    ]
-    time_error, lost = (_stacked(part) for part in zip(*timing, strict=True))
-    unit, session = np.array(lifetimes).T
+    time_error, lost = sensor.timed(rows)
+    unit, session = _lifetimes(config, rows)
     values = {"time_error": time_error, "lost": lost, "unit": unit, "session": session}
-    forces = [t.f_ib_b for t in truths]
     for name, triad, purpose in sensor.triads():
         gyro = purpose == Purpose.GYRO
-        feels = [t.omega_ib_b for t in truths] if gyro else forces
-        rngs, errors = sensor.drawn(triad, purpose, rows, [lasting[own] for own in lifetimes])
-        printed, saturated = sensor.measure(triad, rngs, feels, errors, forces if gyro else None)
-        if len(rows) == 1:  # of means none is lost
-            printed = Timing.held(printed[0], lost[0])[None]
+        feels, force = (truth.omega_ib_b, truth.f_ib_b) if gyro else (truth.f_ib_b, None)
+        rngs, errors = sensor.drawn(triad, purpose, rows, lasting[purpose])
+        printed, saturated = sensor.measure(triad, rngs, feels, errors, force)
+        if lost.any():
+            printed = _stacked([Timing.held(*own) for own in zip(printed, lost, strict=True)])
         # Kept axis by axis in memory, as the store keeps it; logically (time, axis).
         values[name], values[f"{name}_saturated"] = printed.swapaxes(1, 2), saturated
         values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
     return values
 
 
-def _moved(
-    config: "GenerateConfig", truths: Sequence[Truth], draws: Sequence[Draw]
-) -> dict[str, np.ndarray]:
+def _moved(truth: Truth, draws: Sequence[Draw]) -> dict[str, np.ndarray]:
     """What the bench did in these recordings, and what was drawn of it."""
-    n = config.samples // config.block
     floors = [drawn.floor.values() for drawn in draws]
-    attitude = _stacked([t.attitude for t in truths])
     return {
-        "plate_angle": _stacked([t.plate_angle for t in truths]),
-        "stage": _stacked([t.stage for t in truths]),
-        "attitude": np.broadcast_to(attitude, (len(truths), n, 3)),
-        "heading": np.array([t.heading for t in truths]),
-        "roll": np.array([t.roll for t in truths]),
-        "pitch": np.array([t.pitch for t in truths]),
-        "settling_time": np.array([t.settling_s for t in truths]),
+        "plate_angle": truth.plate_angle,
+        "stage": truth.stage,
+        "attitude": np.broadcast_to(truth.attitude, (*truth.stage.shape, 3)),
+        "heading": truth.heading,
+        "roll": truth.roll,
+        "pitch": truth.pitch,
+        "settling_time": truth.settling_s,
         "base_azimuth": np.array([d.azimuth for d in draws]),
         "base_roll": np.array([d.roll for d in draws]),
         "base_pitch": np.array([d.pitch for d in draws]),
@@ -205,21 +213,22 @@ def _stacked(values: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(values[0])[None] if len(values) == 1 else np.stack(values)
 
 
-def _split(config: "GenerateConfig", recording: int, unit: int, session: int) -> int:
-    """Which part a recording belongs to, whatever else is in the dataset.
+def _split(config: "GenerateConfig", rows: Sequence[int]) -> np.ndarray:
+    """Which part each recording belongs to, whatever else is in the dataset.
 
     What is split by is dealt in blocks whose size is the sum of the shares (10 for 70:10:20), each
     block in an order of its own, so that whole blocks hold the shares exactly.
     """
+    unit, session = _lifetimes(config, rows)
     index = {
-        "recording": recording,
+        "recording": np.array(rows),
         "session": session * config.units + unit,
         "unit": unit,
     }[config.split_by]
     shares = np.array(config.split) // gcd(*config.split)
-    block, place = divmod(index, int(shares.sum()))
-    order = _order(config.seed, block, int(shares.sum()))
-    return int(np.searchsorted(np.cumsum(shares), order[place], side="right"))
+    size = int(shares.sum())
+    dealt = [_order(config.seed, i // size, size)[i % size] for i in index.tolist()]
+    return np.searchsorted(np.cumsum(shares), dealt, side="right")
 
 
 @lru_cache(maxsize=64)

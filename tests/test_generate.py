@@ -16,6 +16,7 @@ from lbgc.estimators.static import mean
 from lbgc.frames import rotation_z, wrap
 from lbgc.metrics import heading_errors
 from lbgc.protocol import STAGES
+from lbgc.sensor import streams
 from sim.cluster import ClusterConfig
 from sim.generate import GenerateConfig
 
@@ -47,6 +48,17 @@ def test_the_default_is_the_papers_experiment():
     assert config.latitude == 32.76
     assert config.scene.reference_error_deg == 0.2
     assert config.imu.gyro.bias_run_deg_per_h == 1.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**32, 2**127 + 5, 2**200])
+def test_streams_made_together_are_those_made_alone(seed):
+    rows = [0, 1, 1000, 2**31, 2**32 - 1]
+    for purpose in streams.Purpose:
+        together = streams.recordings(seed, rows, purpose)
+        alone = [streams.recording(seed, i, purpose) for i in rows]
+        np.testing.assert_array_equal(
+            *([rng.random(3) for rng in rngs] for rngs in (together, alone))
+        )
 
 
 def test_one_seed_one_digest(tmp_path, small):

@@ -11,6 +11,7 @@ import zarr
 
 from lbgc.data import store
 from lbgc.data.schema import VARIABLES
+from lbgc.data.shard import Shard
 from lbgc.data.store import Dataset, Layout
 from lbgc.errors import InputError
 from lbgc.outputs import fingerprint
@@ -185,3 +186,30 @@ def test_a_shards_files_are_zarrs_own(tmp_path, samples, recordings):
                 assert same.read_bytes() == file.read_bytes(), file
     assert ours.digest() == theirs.digest()
     assert ours.unfinished_shards() == []
+
+
+def test_what_stands_still_is_held_once_and_stored_as_if_it_were_in_full(tmp_path):
+    """Recordings in parts of two, of which the first parts stand still, or all; minus zero too."""
+    layout = Layout(9, 40, 2.0, {"gyro": 1e-6, "accel": None})
+    made, whole = Shard(layout, 9), batch(layout, 0)
+    for name, variable in VARIABLES.items():
+        if "time" in variable.dims:
+            until = 9 if name in ("attitude", "plate_angle", "lost") else 4
+            whole[name][:until] = whole[name][:until, :1]
+    whole["plate_angle"] = whole["plate_angle"] * -0.0
+    for first in range(0, 9, 2):
+        part = {name: values[first : first + 2] for name, values in whole.items()}
+        for name, values in part.items():
+            if "time" in VARIABLES[name].dims and (values == values[:, :1]).all():
+                part[name] = np.broadcast_to(values[:, :1], values.shape)
+        made.append(part)
+    held = made.variables()
+    assert held["plate_angle"].strides[1] == 0 != held["gyro"].strides[1]
+    ours, theirs = (store.create(tmp_path / n, layout, {"a": 1}, {}) for n in ("a", "b"))
+    ours.write_shard(0, held)
+    theirs.write_shard(0, whole)
+    for file in theirs.path.rglob("*"):
+        if file.is_file():
+            assert (ours.path / file.relative_to(theirs.path)).read_bytes() == file.read_bytes()
+    assert ours.digest() == theirs.digest()
+    np.testing.assert_array_equal(ours.label("gyro"), whole["gyro"])

@@ -5,11 +5,13 @@ With `store.py` the only file that touches Zarr.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
+from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import MemoryStore
 
 from lbgc.data.schema import AXES, RECORDED, VARIABLES
@@ -38,7 +40,7 @@ class Layout:
     scales: Mapping[str, float | None]
     """gyro, accel: SI per count, or None where floats are stored."""
 
-    @property
+    @cached_property
     def shard(self) -> int:
         """Recordings a shard: as much as one task holds in memory. Never depends on how many
         recordings there are, so that a longer dataset begins with the same shards."""
@@ -62,13 +64,13 @@ class Layout:
         scale = self.scales.get(name)
         return np.dtype(VARIABLES[name].dtype or ("float32" if scale is None else "int32"))
 
-    def room(self, name: str, recordings: int) -> np.ndarray:
-        """An empty array for this variable of so many recordings, in memory as it is stored: axis
-        by axis, where it is (recording, time, axis)."""
+    def room(self, name: str, recordings: int, samples: int) -> np.ndarray:
+        """An empty array for this variable of so many recordings and samples of each, in memory as
+        it is stored: axis by axis, where it is (recording, time, axis)."""
         dims = VARIABLES[name].dims
-        sizes = {"recording": recordings, "time": self.samples, "axis": 3, "axis_in": 3}
+        sizes = {"recording": recordings, "time": samples, "axis": 3, "axis_in": 3}
         if dims == RECORDED:
-            return np.empty((recordings, 3, self.samples), self.dtype(name)).swapaxes(1, 2)
+            return np.empty((recordings, 3, samples), self.dtype(name)).swapaxes(1, 2)
         return np.empty(tuple(sizes[d] for d in dims), self.dtype(name))
 
     def rows(self, shard: int) -> range:
@@ -95,14 +97,19 @@ def documents(layout: Layout, attributes: Mapping) -> dict[str, bytes]:
             dimension_names=("shard", "byte"),
             attributes={"long_name": long_name},
         )
-    sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
-    for name in VARIABLES:
-        _create_array(root, name, layout, sizes)
+    alike: dict[tuple, zarr.Array] = {}
+    for name, variable in VARIABLES.items():
+        kind = (variable.dims, layout.dtype(name))
+        if kind not in alike:  # Zarr takes most of a millisecond
+            alike[kind] = _create_array(root, name, layout)
+        own = alike[kind].metadata.update_attributes(_attributes(name, layout))
+        files[f"{name}/zarr.json"] = own.to_buffer_dict(default_buffer_prototype())["zarr.json"]
     _create_coordinates(root, layout)
     return {name: files[name].to_bytes() for name in DOCUMENTS}
 
 
-def _create_array(root: zarr.Group, name: str, layout: Layout, sizes: Mapping[str, int]) -> None:
+def _attributes(name: str, layout: Layout) -> dict[str, Any]:
+    """What a variable's document says of it beside how it is stored."""
     variable, scale = VARIABLES[name], layout.scales.get(name)
     attributes: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
     if scale is not None:
@@ -110,11 +117,18 @@ def _create_array(root: zarr.Group, name: str, layout: Layout, sizes: Mapping[st
     if variable.flags:
         attributes["flag_values"] = list(range(len(variable.flags)))
         attributes["flag_meanings"] = " ".join(variable.flags)
+    return attributes
+
+
+def _create_array(root: zarr.Group, name: str, layout: Layout) -> zarr.Array:
+    """An array that is stored as this variable is."""
+    sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
+    variable = VARIABLES[name]
     shape = tuple(sizes[d] for d in variable.dims)
     shard = (layout.shard, *shape[1:])
     chunk = (layout.chunk(name), *shape[1:])
     filters = [TransposeCodec(order=(0, 2, 1))] if variable.dims == RECORDED else []
-    root.create_array(
+    return root.create_array(
         name=name,
         shape=shape,
         dtype=layout.dtype(name),
@@ -125,7 +139,6 @@ def _create_array(root: zarr.Group, name: str, layout: Layout, sizes: Mapping[st
         compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"), Crc32cCodec()],
         fill_value=0,
         dimension_names=variable.dims,
-        attributes=attributes,
         config={"write_empty_chunks": True},
     )
 

@@ -29,6 +29,8 @@ from lbgc.errors import InputError, reading, require
 from lbgc.outputs import fingerprint
 
 codec.take()
+_COPIED_BYTES = 200_000
+"""Of recordings at once: they stay in the processor's cache."""
 
 
 def create(path: str | Path, layout: Layout, configuration: Mapping, recipe: Mapping) -> "Dataset":
@@ -104,12 +106,25 @@ def _digest(arrays: Iterable[tuple[str, np.ndarray]]) -> bytes:
     digest = hashlib.sha256()
     for name, values in sorted(arrays, key=lambda item: item[0]):
         digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
-        if values.flags.c_contiguous:
-            digest.update(values.data)
-            continue
-        for recording in values:
-            digest.update(np.ascontiguousarray(recording).data)
+        for part in _contiguous(values):
+            digest.update(part.data)
     return digest.digest()
+
+
+def _contiguous(values: np.ndarray) -> Iterator[np.ndarray]:
+    """An array in the order of its axes, some recordings at a time where it lies otherwise; what
+    lies axis by axis, (recording, time, axis), is copied that way, at twice numpy's speed."""
+    if values.flags.c_contiguous:
+        yield values
+        return
+    size = max(1, _COPIED_BYTES // values[0].nbytes)
+    for first in range(0, len(values), size):
+        part = values[first : first + size]
+        copied = np.empty(part.shape, part.dtype)
+        axes = [(..., axis) for axis in range(part.shape[2])] if part.ndim == 3 else [...]
+        for own in axes:
+            copied[own] = part[own]
+        yield copied
 
 
 def some(names: Sequence) -> str:
@@ -230,7 +245,8 @@ class Dataset:
         """Write all variables of a shard's recordings, then its checksums.
 
         batch : name -> array whose first axis is the shard's recordings, for every variable;
-        fastest where (recording, time, axis) lies axis by axis in memory, as it is stored.
+        fastest where (recording, time, axis) lies axis by axis in memory, as it is stored, and
+        what stands still is `np.broadcast_to`: see `lbgc.data.shard`.
         Raises InputError where it cannot be written.
         """
         missing = set(VARIABLES) ^ set(batch)

@@ -8,9 +8,9 @@ the noise terms evolve within it. Rounding to counts, clipping to the range and 
 not linear and stand outside the exact law of block means.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class UnitErrors:
     def none(cls) -> "UnitErrors":
         return cls(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3))
 
+    def rows(self, pick: np.ndarray | slice | int) -> Self:
+        """Of these of several."""
+        return type(self)(**{name: values[pick] for name, values in vars(self).items()})
+
 
 @dataclass(frozen=True)
 class TriadErrors(UnitErrors):
@@ -48,11 +52,6 @@ class TriadErrors(UnitErrors):
     bias_run: np.ndarray  # (3,)
     tone_phase: np.ndarray  # (3,), rad
     ramp_sign: np.ndarray  # (3,), +-1
-
-    @classmethod
-    def of(cls, each: Sequence["TriadErrors"]) -> "TriadErrors":
-        """Several recordings' as one."""
-        return cls(**{name: np.stack([vars(e)[name] for e in each]) for name in vars(each[0])})
 
     @property
     def bias(self) -> np.ndarray:
@@ -87,15 +86,15 @@ class Timing:
     dropped_share: float = 0.0
     """Of the samples, lost independently of each other"""
 
-    def draw(
-        self, stream: Callable[[], np.random.Generator], n: int, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    @property
+    def is_exact(self) -> bool:
+        """Every sample comes, and is printed as of its own time."""
+        return self.jitter_s == 0 and self.dropped_share == 0
+
+    def draw(self, rng: np.random.Generator, n: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """What is printed as each sample's time less the true time, (n,) in s, and which samples
         are lost, bool (n,). Samples are printed in order, so that timestamps never decrease; the
         first one always arrives."""
-        if self.jitter_s == 0 and self.dropped_share == 0:
-            return np.zeros(n), np.zeros(n, bool)
-        rng = stream()
         time = np.arange(1, n + 1) * dt
         printed = time
         if self.jitter_s > 0:
@@ -107,8 +106,6 @@ class Timing:
     @staticmethod
     def held(printed: np.ndarray, lost: np.ndarray) -> np.ndarray:
         """A lost sample repeats the last one that arrived, as drivers do. printed : (3, n)."""
-        if not lost.any():
-            return printed
         return printed[:, np.maximum.accumulate(np.where(lost, 0, np.arange(len(lost))))]
 
 
@@ -220,18 +217,23 @@ class Triad:
         return rng.standard_normal(3) * self.bias_session
 
     def draw_run(
-        self, rng: np.random.Generator, of_unit: UnitErrors, of_session: np.ndarray
+        self, rng: gaussian.Source, of_unit: UnitErrors, of_session: np.ndarray
     ) -> TriadErrors:
-        """What is drawn before a recording starts, joined to what its unit and session fixed."""
-        bias = rng.standard_normal(3) * self.bias_run
-        phase = 2 * np.pi * rng.random(3)
-        sign = np.where(rng.random(3) < 0.5, -1.0, 1.0)
+        """What is drawn before a recording starts, joined to what its unit and session fixed; of
+        several recordings, each has its own generator and all else one more axis in front."""
+        rngs = [rng] if isinstance(rng, np.random.Generator) else rng
+        normal, phase, sign = np.empty((3, len(rngs), 3))
+        for own, bias, *others in zip(rngs, normal, phase, sign, strict=True):
+            own.standard_normal(out=bias)
+            for uniform in others:
+                own.random(out=uniform)
+        shape = of_session.shape
         return TriadErrors(
             **vars(of_unit),
             bias_session=of_session,
-            bias_run=bias,
-            tone_phase=phase,
-            ramp_sign=sign,
+            bias_run=normal.reshape(shape) * self.bias_run,
+            tone_phase=2 * np.pi * phase.reshape(shape),
+            ramp_sign=np.where(sign.reshape(shape) < 0.5, -1.0, 1.0),
         )
 
     def sample_noise(
@@ -260,7 +262,7 @@ class Triad:
         """
         signal = self._noise(self.terms, rng, errors, n, dt)
         signal += self._response(truth, errors, n, dt, disturbance).astype(np.float32)
-        saturated = np.zeros(n, bool)
+        saturated = np.broadcast_to(False, n)
         if self.range is not None and max(signal.max(), -signal.min()) > self.range:
             saturated = (np.abs(signal) > self.range).any(axis=0)
             np.clip(signal, -self.range, self.range, out=signal)

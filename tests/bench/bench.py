@@ -69,12 +69,12 @@ def means(count: int) -> Work:
     truths = np.full((3, 1), 5e-5), np.array([[0.1], [0.1], [-9.8]])
 
     def work() -> None:
-        kept = sim.recordings._lasting(config, sensor, 0, 0)
+        lasting = sensor.lasting(range(64))
         for first in range(0, count, 64):
             rows = range(first, first + 64)
             for (_, triad, purpose), truth in zip(sensor.triads(), truths, strict=True):
-                rngs, errors = sensor.drawn(triad, purpose, rows, [kept] * 64)
-                sensor.measure(triad, rngs, [truth] * 64, errors, None)
+                rngs, errors = sensor.drawn(triad, purpose, rows, lasting[purpose])
+                sensor.measure(triad, rngs, np.broadcast_to(truth, (64, 3, 1)), errors, None)
 
     return work
 
