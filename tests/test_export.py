@@ -26,13 +26,16 @@ def small(tmp_path_factory):
 
 
 @pytest.mark.filterwarnings("ignore")  # the exporter's own
-@pytest.mark.parametrize("model", ["residual", "bilstm_8"])
+@pytest.mark.parametrize(
+    "model", ["residual", "bilstm_8", "gru_24", "rnn_24", "rnn_24 model.output=vonmises"]
+)
 def test_it_answers_as_pytorch_does(small, monkeypatch, model):
     for package in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(package)
     data, home = small
     monkeypatch.chdir(home)
-    options = (f"data={data.path}", f"model={model}", "steps=5", "validate_every=5", "batch=8")
+    options = (f"data={data.path}", "steps=5", "validate_every=5", "batch=8")
+    options += tuple(f"model={model}".split())
     run = lbgc.train.main(composed(TrainConfig, "train", *options, "windows_s=[10]"))
     file = lbgc.export.main(ExportConfig(run=str(run)))
     windows = stack(data.records(np.arange(20)), 0.2)

@@ -31,6 +31,8 @@ LENGTHS = 16
 """Window lengths of 1, 2, 4... samples, between which what tempers the concentration is linear."""
 _LOG_KAPPA = (-10.0, 25.0)
 _NODES = 256
+_DEGREES = 180 / math.pi
+"""Of a radian; torch.rad2deg is more than every exporter knows."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,7 @@ class HeadingNet(nn.Module):
     def _corrected(self, raw: Tensor) -> Tensor:
         """From units of the scale to those of every network: (W, outputs)."""
         if self.config.output == "degrees":
-            return raw * torch.rad2deg(self.scale)
+            return raw * self.scale * _DEGREES
         direction = raw[:, :2] * self.scale + torch.tensor([0.0, 1.0], device=raw.device)
         return torch.cat([direction, raw[:, 2:] - 2 * torch.log(self.scale)], dim=1)
 
@@ -199,7 +201,7 @@ class HeadingNet(nn.Module):
         """The heading (less the base's) that a raw output means, (W,), degrees."""
         if self.config.output == "degrees":
             return raw[:, 0]
-        return torch.rad2deg(torch.atan2(raw[:, 0], raw[:, 1]))
+        return torch.atan2(raw[:, 0], raw[:, 1]) * _DEGREES
 
     def log_kappa(self, raw: Tensor) -> Tensor:
         """Logarithm of the von Mises concentration that a raw output means, (W,)."""

@@ -1,7 +1,9 @@
 """A trained network as ONNX: features in, heading and sigma out, any batch and window length."""
 
 import json
+import math
 import re
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,8 @@ _SAID, _SEALED = "lbgc", "lbgc_checksum"
 _OWN = re.compile(_SEALED.encode() + rb"\x12\x40([0-9a-f]{64})")
 _EXAMPLE = (3, 7)
 """Windows and samples that the graph is traced with: neither 1 nor alike, so both stay free."""
+_FREE = ("windows", "samples")
+_OPSET = 18
 
 
 class _Graph(nn.Module):
@@ -32,7 +36,7 @@ class _Graph(nn.Module):
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         raw = self.net(x)
-        heading = torch.deg2rad(self.net.heading_deg(raw))
+        heading = self.net.heading_deg(raw) * (math.pi / 180)
         if self.net.config.output != "vonmises":
             return heading, heading * float("nan")
         return heading, von_mises_sigma(self.net.log_kappa(raw))
@@ -43,14 +47,19 @@ def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
     packages for it are missing."""
     onnx = _needed("onnx")
     _needed("onnxscript")
-    x = torch.zeros(*_EXAMPLE, net.config.features)
-    axes = ({0: torch.export.Dim("windows"), 1: torch.export.Dim("samples", min=2)},)
-    program = torch.onnx.export(
-        _Graph(net).eval(), (x,), input_names=[INPUT], output_names=list(OUTPUTS),
-        dynamic_shapes=axes, dynamo=True, verbose=False,
-    )  # fmt: skip
-    assert program is not None
-    model = program.model_proto
+    graph, x = _Graph(net).eval(), torch.zeros(*_EXAMPLE, net.config.features)
+    names: dict[str, Any] = {"input_names": [INPUT], "output_names": list(OUTPUTS)}
+    if net.config.cell == "rnn":  # exported as others are it is written out for one window length
+        with warnings.catch_warnings(action="ignore"):
+            torch.onnx.export(graph, (x,), file, dynamo=False, opset_version=_OPSET,
+                              dynamic_axes={INPUT: dict(enumerate(_FREE))}, **names)  # fmt: skip
+        model = onnx.load(file)
+    else:
+        free = {0: torch.export.Dim(_FREE[0]), 1: torch.export.Dim(_FREE[1], min=2)}
+        program = torch.onnx.export(graph, (x,), dynamic_shapes=(free,), dynamo=True,
+                                    verbose=False, **names)  # fmt: skip
+        assert program is not None
+        model = program.model_proto
     for key, value in ((_SAID, json.dumps(dict(said), indent=2)), (_SEALED, UNSEALED)):
         entry = model.metadata_props.add()
         entry.key, entry.value = key, value
