@@ -20,7 +20,7 @@ from lbgc.bound import (
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
-from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.course import Site, levelled, travel_within, usable
 from lbgc.estimators.information import bayes, covariance, information
 from lbgc.frames import wrap
 from lbgc.sensor.imu import ImuModel
@@ -53,6 +53,25 @@ def site(latitude_deg: float) -> Site:
 @pytest.fixture(scope="module")
 def drawn():
     return {p: windows(SDC500, p, 32.76, 240.0, COUNT, seed=5) for p in WHO}
+
+
+def test_blocks_beside_a_slew_are_at_rest():
+    """A rest's last block before a slew tells most of a bias that wanders; one in whose end the
+    slew begins, however late, does not rest."""
+    slew = np.deg2rad([[0, 0, 0, 40, 150, 180, 180, 180]])
+    used, resting = usable(slew)
+    np.testing.assert_array_equal(used[0], [1, 1, 1, 0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(used, resting)
+    np.testing.assert_array_equal(travel_within(slew)[0] == 0, used[0])
+    begun = slew + np.deg2rad([0, 0, 1e-5, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(usable(begun)[0][0], [1, 1, 0, 0, 0, 1, 1, 1])
+
+
+def test_a_carousel_keeps_the_ends_where_its_rate_is_steady():
+    even = np.deg2rad(6.0) * np.arange(8.0)
+    spun_up = np.where(np.arange(8) == 0, np.deg2rad(0.002), even)
+    np.testing.assert_array_equal(usable(even)[0], np.ones(8))
+    np.testing.assert_array_equal(usable(spun_up)[0], [0, 1, 1, 1, 1, 1, 1, 1])
 
 
 @pytest.mark.parametrize(("protocol", "name"), PAIRS)

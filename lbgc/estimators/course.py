@@ -18,6 +18,9 @@ _RESTS = np.deg2rad(1e-4)
 """Of travel from block to block."""
 _STEADY = np.deg2rad(0.003)
 """Of change in it; an encoder has steps."""
+_ALONE = np.deg2rad(1e-6)
+"""Of either, where one neighbour alone tells: a slew that begins in a block's last hundredth moves
+its mean angle by little more than that, and its mean rate by much."""
 
 
 @dataclass(frozen=True)
@@ -89,18 +92,43 @@ class Course:
 
         Left out are blocks in which the plate speeds up or slows down, and slews between rests: a
         gyro's misalignment, or the base's lean, times a slew's rate is far above what they could
-        tell of north. A plate that turns for most of the window is on a carousel, and stays in.
+        tell of north. The rests next to them stay in: where the noise wanders, those tell most.
         """
-        travel = np.diff(angle) if len(angle) > 1 else np.zeros(1)
-        before = np.concatenate([travel[:1], travel])[: len(angle)]
-        after = np.concatenate([travel, travel[-1:]])[: len(angle)]
-        resting = np.maximum(np.abs(before), np.abs(after)) < _RESTS
-        turning = (np.abs(after - before) < _STEADY) & ~resting
-        turning[[0, -1]] = False  # an end has but one neighbour to tell by
-        rate = np.where(resting, 0.0, (after + before) / 2 / interval)
+        used, _ = usable(angle)
+        rate = travel_within(angle) / interval
         start = round(start_s / interval)
         every = cls(interval, start, tuple(range(len(angle))), tuple(angle), tuple(rate))
-        return every.only(turning if turning.mean() > 0.5 else resting)
+        return every.only(used)
+
+
+def usable(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which blocks tell of north, and in which the plate rests, bool (*S, n) both.
+
+    angle : (*S, n), rad, unwrapped, the plate's mean over each block. A plate that turns for most
+    of a window is on a carousel: what tells is where its rate is steady. Else it is the rests.
+    """
+    n = angle.shape[-1]
+    travel = np.diff(angle, axis=-1) if n > 1 else np.zeros_like(angle)
+    before = np.concatenate([travel[..., :1], travel], axis=-1)[..., :n]
+    after = np.concatenate([travel, travel[..., -1:]], axis=-1)[..., :n]
+    moves = np.abs(before), np.abs(after)
+    resting = (np.maximum(*moves) < _RESTS) | (np.minimum(*moves) < _ALONE)
+    change = np.abs(after - before)
+    steady = change < _STEADY
+    steady[..., 0] = steady[..., -1] = False
+    if n > 2:  # an end has but one neighbour to tell by
+        steady[..., 0], steady[..., -1] = change[..., 1] < _ALONE, change[..., -2] < _ALONE
+    steady &= ~resting
+    carousel = steady.mean(axis=-1, keepdims=True) > 0.5
+    return np.where(carousel, steady, resting), resting
+
+
+def travel_within(angle: np.ndarray) -> np.ndarray:
+    """What the plate travels within each block, rad, (*S, n), by their mean angles; none at rest.
+    Of a block in which it speeds up or slows down, this is not what it travels."""
+    if angle.shape[-1] == 1:
+        return np.zeros_like(angle)
+    return np.where(usable(angle)[1], 0.0, np.gradient(angle, axis=-1))
 
 
 @dataclass(frozen=True)
@@ -139,9 +167,7 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     angle = mean(mean_angle(windows.plate_angle, windows.rate_hz, sample_s))
     gyro, accel = mean(windows.gyro), mean(windows.accel)
     interval = size / windows.rate_hz
-    turning = np.gradient(angle, interval, axis=1) if n > 1 else np.zeros_like(angle)
-    turning[np.abs(turning) * interval < _RESTS] = 0.0
-    gyro[..., 2] -= turning
+    gyro[..., 2] -= travel_within(angle) / interval
     at = unrepeated(angle)
     tilt = tilt_of(at, accel)
     data = np.concatenate([_turned_level(v, at, tilt) for v in (gyro, accel)], axis=1)
@@ -170,16 +196,12 @@ def mean_angle(reading: np.ndarray, rate_hz: float, sample_s: float | None) -> n
     """The plate's mean angle over each sample (or mean of samples), (W, T), rad: an encoder is read
     at a sample's end, and turns on for half of it. sample_s : the sensor's own interval; None where
     the reading is of samples."""
-    late = 0.5 if sample_s is None else 0.5 * sample_s * rate_hz
-    return np.asarray(reading - late * travel(reading))
-
-
-def travel(angle: np.ndarray) -> np.ndarray:
-    """Each sample's travel, (W, T), rad."""
-    steps = np.diff(angle, axis=1, prepend=angle[:, :1])
-    if angle.shape[1] > 1:
-        steps[:, 0] = steps[:, 1]
-    return steps
+    if sample_s is None or sample_s * rate_hz > 0.999:
+        steps = np.diff(reading, axis=1, prepend=reading[:, :1])
+        if reading.shape[1] > 1:
+            steps[:, 0] = steps[:, 1]
+        return np.asarray(reading - steps / 2)
+    return np.asarray(reading - sample_s * rate_hz / 2 * travel_within(reading))
 
 
 def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:

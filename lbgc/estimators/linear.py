@@ -97,7 +97,7 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None) -> Estimate:
     return Estimate(wrap(heading), np.sqrt(variance) / size)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=4096)  # of a log's windows each has a course of its own
 def _spread(imu: ImuModel, course: Course, site: Site, bias: bool) -> np.ndarray:
     """Covariance of what the plain weights make of the data, (2, 2)."""
     weights, C = plain_weights(course, site, bias), covariance(imu, course, site)

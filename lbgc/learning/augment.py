@@ -20,6 +20,7 @@ import numpy as np
 from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import require_choice, require_not_negative
+from lbgc.estimators.course import travel_within
 from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix, rotation_z
 from lbgc.sensor.imu import Triad
@@ -103,8 +104,7 @@ def earth_in_body(windows: Windows, heading: np.ndarray) -> np.ndarray:
     roll, pitch = level(on_plate(windows.accel, -angle).mean(axis=1))
     base = euler_to_matrix(roll, pitch, heading)
     earth = np.einsum("wij,wi->wj", base, earth_rate_ned(windows.latitude))
-    travel = np.gradient(angle, axis=1)
-    return on_plate(earth[:, None, :], angle, np.sinc(travel / (2 * np.pi)))
+    return on_plate(earth[:, None, :], angle, np.sinc(travel_within(angle) / (2 * np.pi)))
 
 
 _MOVES = np.deg2rad(1e-4)

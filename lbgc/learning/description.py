@@ -14,7 +14,7 @@ from lbgc.outputs import UNSEALED, is_sealed, seal
 from lbgc.sensor.datasheet import ImuConfig
 
 DESCRIPTION = "model.json"
-FORMAT = 4
+FORMAT = 5
 """Changes whenever what a run holds would be misread by a version of another number."""
 AGAIN = "train it again: python lbgc/train.py data=PATH"
 _OWN = re.compile(r'"checksum": "([0-9a-f]{64})"')

@@ -19,15 +19,13 @@ from lbgc.data.windows import Windows, at_rate
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
+from lbgc.estimators.course import travel_within, usable
 from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix, turned, unrepeated, wrap
 from lbgc.learning import sway
 from lbgc.learning.model import ModelConfig, features
 from lbgc.sensor.imu import ImuModel
 
-_MOVES = np.deg2rad(1e-4)
-_STEADY = np.deg2rad(0.003)
-"""Of change in the plate's travel from sample to sample, if it turns on."""
 _MINUTE = 60.0
 
 
@@ -66,13 +64,12 @@ def base_heading(name: str, windows: Windows, imu: ImuModel | None) -> np.ndarra
 
 def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.ndarray:
     angle = unrepeated(windows.plate_angle)
-    travel = np.gradient(angle, axis=1) if angle.shape[1] > 1 else np.zeros_like(angle)
-    used = _usable(travel)[..., None]
+    travel, used = travel_within(angle), usable(angle)[0][..., None]
     psi = base[:, None] + angle - travel / 2  # an encoder is read at a sample's end
     latitude = windows.latitude[:, None]
     north, down = EARTH_RATE * np.cos(latitude), -EARTH_RATE * np.sin(latitude)
     g = normal_gravities(latitude)
-    turning = np.where(np.abs(travel) > _MOVES, travel * windows.rate_hz, 0.0)
+    turning = travel * windows.rate_hz
     gyro, force = turned(_levelled(windows, angle), psi), turned(windows.accel, psi)
     # Earth's rate is averaged over the turn within a sample.
     gyro -= np.stack([north * np.sinc(travel / (2 * np.pi)), 0 * turning, down + turning], axis=-1)
@@ -97,16 +94,6 @@ def _side_by_side(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.nda
         out[..., first : first + part.shape[-1]] = part
         first += part.shape[-1]
     return out
-
-
-def _usable(travel: np.ndarray) -> np.ndarray:
-    """Samples at rest, or in steady motion, bool (W, T): in between, what a gyro's scale and a
-    base's lean make of a slew's rate is far above what is looked for."""
-    change = np.abs(np.diff(travel, axis=1, prepend=travel[:, :1], append=travel[:, -1:]))
-    steady = np.maximum(change[:, :-1], change[:, 1:]) < _STEADY
-    resting = np.abs(travel) < _MOVES
-    carousel = (steady & ~resting).mean(axis=1, keepdims=True) > 0.5
-    return np.where(carousel, steady, resting)
 
 
 def _levelled(windows: Windows, angle: np.ndarray) -> np.ndarray:

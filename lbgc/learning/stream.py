@@ -16,6 +16,7 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.errors import InputError, build
+from lbgc.estimators.course import travel_within
 from lbgc.frames import euler_to_matrix, unrepeated
 from lbgc.learning.augment import on_plate
 from lbgc.sensor.batch import Lasting, measure_means
@@ -110,7 +111,7 @@ class Streamed:
         stored = self.recordings
         late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
         reading = unrepeated(stored.plate_angle[rows])
-        travel = np.gradient(reading, axis=1) if reading.shape[1] > 1 else 0 * reading
+        travel = travel_within(reading)
         angle, turning = reading - late * travel, travel * stored.rate_hz
         short = np.sinc(travel / (2 * np.pi))
         if reading.shape[1] > 1:
