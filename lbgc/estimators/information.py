@@ -56,17 +56,25 @@ def known(imu: ImuModel, lifetimes: tuple[str, ...]) -> ImuModel:
 def sources(imu: ImuModel, course: Course, site: Site) -> dict[str, np.ndarray]:
     """Covariance of the data by what causes it, each (4, n, n): the channels are independent of
     each other. (rad/s)^2 for the first two, (m/s^2)^2 for the others."""
-    rate = np.array(course.rate)
-    gyro = _triad_sources(imu, imu.gyro, course, site.down + rate, site.north, site.gravity)
-    accel = _triad_sources(imu, imu.accel, course, -site.gravity + 0 * rate, 0.0, 0.0)
-    accel["lever arm"] = _LEVER_M**2 * _constant(rate**2)
-    n = len(rate)
+    gyro, accel = _by_triad(imu, course, site)
+    n = len(course.blocks)
     every = {name: np.zeros((4, n, n)) for name in (*gyro, *(f"accelerometer {a}" for a in accel))}
     for name, covariance in gyro.items():
         every[name][:2] = covariance
     for name, covariance in accel.items():
         every[f"accelerometer {name}"][2:] = covariance
     return every
+
+
+def _by_triad(
+    imu: ImuModel, course: Course, site: Site
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Of the gyros and of the accelerometers, (2, n, n) each."""
+    rate = np.array(course.rate)
+    gyro = _triad_sources(imu, imu.gyro, course, site.down + rate, site.north, site.gravity)
+    accel = _triad_sources(imu, imu.accel, course, -site.gravity + 0 * rate, 0.0, 0.0)
+    accel["lever arm"] = _LEVER_M**2 * _constant(rate**2)
+    return gyro, accel
 
 
 def _constant(pattern: np.ndarray) -> np.ndarray:
@@ -137,9 +145,12 @@ def _not_gaussian(imu: ImuModel, triad: Triad, axis: int, course: Course) -> np.
 @lru_cache(maxsize=64)
 def covariance(imu: ImuModel, course: Course, site: Site) -> np.ndarray:
     """Of the data, (4, n, n)."""
-    total = np.sum(list(sources(imu, course, site).values()), axis=0)
-    least = np.repeat(np.square(_LEAST), 2)[:, None, None]
-    return total + least * np.eye(total.shape[-1])
+    n = len(course.blocks)
+    total = np.repeat(np.square(_LEAST), 2)[:, None, None] * np.eye(n)
+    for rows, found in zip((slice(2), slice(2, 4)), _by_triad(imu, course, site), strict=True):
+        for source in found.values():
+            total[rows] += source
+    return total
 
 
 def turn(course: Course, site: Site) -> np.ndarray:

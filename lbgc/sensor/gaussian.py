@@ -258,10 +258,13 @@ def covariance_of_means(
 
 
 def _later(model: MeansModel, start: int) -> np.ndarray:
-    """Covariance of the state so many intervals after the recording's start, (p, p)."""
-    P = model.P0
-    for _ in range(start):
-        P = model.A @ P @ model.A.T + model.Q
+    """Covariance of the state so many intervals after the recording's start, (p, p): by powers of
+    two of an interval, over each of which P becomes A P A' + Q."""
+    P, A, Q = model.P0, model.A, model.Q
+    while start:
+        if start % 2:
+            P = A @ P @ A.T + Q
+        A, Q, start = A @ A, A @ Q @ A.T + Q, start // 2
     return P
 
 
