@@ -9,6 +9,10 @@ Two bounds, both of the Gaussian model that `lbgc.estimators.information` states
 - `floor`: the Bayes-optimal estimator itself (flat prior on the circle, circular mean of the
   posterior). Its RMSE on a set of windows is the least that any estimator can have on windows drawn
   by that model, and "over the floor" means over this, on the same windows.
+
+Both are of blocks at rest or in steady motion. A slew's own blocks tell of north too, to whoever
+knows the gyros' misalignment to a part in a hundred thousand: on two positions, in four minutes
+of 5 s means, the RMSE would be 1.8% less with them. No estimator here takes them.
 """
 
 import json
