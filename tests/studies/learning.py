@@ -347,11 +347,13 @@ def _by_preset(bars: dict[str, list[float]]) -> Figure:
         values = [own[i] for own in bars.values()]
         axes.bar(at + 0.27 * (i - 1), values, 0.25, color=colour, label=label)
     axes.axhline(180 / np.sqrt(3), color="0.5", linewidth=0.8, linestyle=":")
-    axes.annotate("chance", (len(bars) - 1, 108), color="0.4", fontsize="small", ha="center")
+    axes.annotate("chance", (len(bars) - 1, 115), color="0.4", fontsize="small", ha="center")
     axes.set(title="Four minutes at rest: which class of sensor gains?", yscale="log",
              ylabel="RMSE, degrees", xticks=at, xticklabels=list(bars))  # fmt: skip
+    axes.set_ylim(top=2000)  # room for the legend
     axes.grid(True, axis="y", color="0.9")
-    axes.legend(fontsize="small")
+    axes.set_axisbelow(True)
+    axes.legend(fontsize="small", loc="upper right", ncols=3)
     return figure
 
 
