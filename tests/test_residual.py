@@ -75,18 +75,20 @@ def test_the_references_own_error_is_no_part_of_sigma():
 
 
 def test_tempering_is_of_the_windows_length(dataset):
-    """What is added at 4 and at 16 samples is there, half of both in the middle (8), and the end's
-    beyond; the heading is as it was."""
+    """What is added, and how much wider it gets, at 4 and at 16 samples is there, half of both in
+    the middle (8), and the end's beyond; again on top of it; the heading is as it was."""
     net, windows = make(POOL, 1), recordings(dataset)
     x = torch.from_numpy(inputs(POOL, windows, windows.rate_hz, None)[0])
     lengths = (2, 4, 8, 12)
     before = [net(x[:, :n]).detach() for n in lengths]
-    net.temper(np.array([4, 16]), np.array([0.2, -0.4]))
+    net.temper(np.array([4, 16]), np.array([0.2, -0.4]), np.array([0.5, -0.1]))
+    net.temper(np.array([4]), np.array([1.0]), np.array([1.0]))
     after = [net(x[:, :n]).detach() for n in lengths]
-    expected = [0.2, 0.2, -0.1, -0.1 - 0.3 * np.log2(1.5)]
-    for one, two, more in zip(before, after, expected, strict=True):
+    share = np.array([0.0, 0.0, 0.5, 0.5 * np.log2(3.0)])
+    for one, two, s in zip(before, after, share, strict=True):
         np.testing.assert_array_equal(two[:, :2], one[:, :2])
-        np.testing.assert_allclose(two[:, 2] - one[:, 2], more, atol=0.01)
+        once = one[:, 2] * (1.5 - 0.6 * s) + 0.2 - 0.6 * s
+        np.testing.assert_allclose(two[:, 2], 2 * once + 1.0, rtol=1e-4)
 
 
 def test_its_gradient_in_the_concentration_is_right_where_it_is_narrow():

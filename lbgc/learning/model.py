@@ -124,7 +124,7 @@ class HeadingNet(nn.Module):
         self.config = config
         outputs = OUTPUTS[config.output]
         if config.output == "vonmises":
-            self.register_buffer("tempering", torch.zeros(LENGTHS))
+            self.register_buffer("tempering", torch.zeros(2, LENGTHS))
         if config.cell == "filter":
             corrects = config.base is not None
             self.filter = Filter(config.hidden, config.layers, outputs, corrects)
@@ -174,17 +174,24 @@ class HeadingNet(nn.Module):
         return self._tempered(raw, length) if self.config.output == "vonmises" else raw
 
     def _tempered(self, raw: Tensor, length: Tensor) -> Tensor:
-        """The concentration's logarithm less or more by what calibration found at this length."""
+        """The concentration's logarithm made true by what calibration found at this length: less or
+        more, and less or more spread from window to window."""
         nodes = torch.arange(LENGTHS, device=raw.device, dtype=raw.dtype)
         between = torch.clamp(1 - torch.abs(torch.log2(length) - nodes), min=0)  # (LENGTHS,)
-        more = (between * self.tempering).sum().reshape(1, 1).expand(raw.shape[0], 1)
-        return torch.cat([raw[:, :2], raw[:, 2:] + more], dim=1)
+        more, wider = (between * self.tempering).sum(dim=1)
+        return torch.cat([raw[:, :2], raw[:, 2:] * (1 + wider) + more], dim=1)
 
-    def temper(self, lengths: np.ndarray, more: np.ndarray) -> None:
-        """Add so much to the concentration's logarithm at windows of these many samples, ascending;
-        in between, in proportion; beyond, as much as at the end."""
-        nodes = np.interp(np.arange(LENGTHS), np.log2(lengths), more)
-        self.tempering += torch.from_numpy(nodes).to(self.tempering)
+    def temper(self, lengths: np.ndarray, more: np.ndarray, wider: np.ndarray) -> None:
+        """Make the concentration's logarithm l into l (1 + wider) + more at windows of these many
+        samples, ascending; in between, in proportion; beyond, as at the end."""
+        at = np.arange(LENGTHS)
+        added, stretched = (
+            torch.from_numpy(np.interp(at, np.log2(lengths), v)).to(self.tempering)
+            for v in (more, wider)
+        )
+        before, spread = self.tempering.clone()
+        self.tempering[0] = before * (1 + stretched) + added
+        self.tempering[1] = spread * (1 + stretched) + stretched
 
     def _ends(self, x: Tensor) -> Tensor:
         _, state = self.recurrent(x)

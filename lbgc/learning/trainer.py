@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.optimize import minimize
 from torch import Tensor, nn
 from tqdm import tqdm
 
@@ -194,32 +195,43 @@ class Trainer:
 
     @torch.inference_mode()
     def _temper(self) -> None:
-        """At each window length, the change of the concentration's logarithm that makes held-out
-        windows likeliest: fresh ones where they can be drawn, else the validation split's.
-
-        A prior of _KNOWN keeps few windows from doing more harm than good.
+        """At each window length, what makes held-out windows likeliest of all linear changes of the
+        concentration's logarithm: fresh ones where they can be drawn, else the validation split's.
         """
         self.net.load_state_dict(self.best)
         self.net.eval()
         rng = streams.training(self.plan.seed, 0)  # steps begin at 1
-        changes = torch.linspace(-1.0, 1.0, 401, dtype=torch.float64, device=self.device)
-        lengths, found = [], []
+        found: dict[int, tuple[float, float]] = {}
         for (_, x, reference_deg), steps in zip(
             self.validation, self.plan.windows_steps.values(), strict=True
         ):
             if self.source.fresh is not None:
                 x, reference_deg = self._there(self.source.fresh.draw(rng, _FRESH, steps))
-            raw = self.net(x)
-            heading, log_kappa = self.net.heading_deg(raw), self.net.log_kappa(raw).double()
-            against = (changes / 2 / _KNOWN) ** 2 / 2 / len(x)
-            own = self.plan.reference_sigma
-            losses = [loss.von_mises_nll(reference_deg, heading, log_kappa + c, own)
-                      for c in changes]  # fmt: skip
-            lengths.append(steps)
-            found.append(float(changes[int(torch.argmin(torch.stack(losses) + against))]))
-        order = np.argsort(lengths)
-        self.net.temper(np.array(lengths)[order], np.array(found)[order])
+            found[steps] = self._likeliest(self.net(x), reference_deg)
+        lengths = np.array(sorted(found))
+        self.net.temper(lengths, *np.array([found[n] for n in lengths]).T)
         self.best = copy.deepcopy(self.net.state_dict())
+
+    def _likeliest(self, raw: Tensor, reference_deg: Tensor) -> tuple[float, float]:
+        """(more, wider): l into l (1 + wider) + more. A network's own spread is more than there is
+        to know: regression to the mean. A prior of _KNOWN on either, as it changes a sigma, keeps
+        few windows from doing more harm than good."""
+        heading, log_kappa = self.net.heading_deg(raw), self.net.log_kappa(raw).double()
+        middle, spread = float(log_kappa.mean()), max(float(log_kappa.std(correction=0)), 1e-3)
+
+        def change(by: np.ndarray) -> tuple[float, float]:
+            wider = float(by[1]) / spread
+            return float(by[0]) - wider * middle, wider
+
+        def value(by: np.ndarray) -> float:
+            more, wider = change(by)
+            own = self.plan.reference_sigma
+            likely = loss.von_mises_nll(reference_deg, heading, log_kappa * (1 + wider) + more, own)
+            return float(likely) + float(np.sum((by / 2 / _KNOWN) ** 2)) / 2 / len(raw)
+
+        around = np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.05]])
+        options = {"initial_simplex": around, "xatol": 1e-4, "fatol": 1e-9}
+        return change(minimize(value, np.zeros(2), method="Nelder-Mead", options=options).x)
 
     def _counters(self) -> dict[str, Any]:
         return {
