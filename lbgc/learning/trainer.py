@@ -195,8 +195,9 @@ class Trainer:
 
     @torch.inference_mode()
     def _temper(self) -> None:
-        """At each window length, what makes held-out windows likeliest of all linear changes of the
-        concentration's logarithm: fresh ones where they can be drawn, else the validation split's.
+        """At each window length, the change of the concentration's logarithm that makes held-out
+        windows likeliest: a linear one by fresh windows where they can be drawn; else, for its
+        spread takes thousands of windows to tell, a constant by the validation split's.
         """
         self.net.load_state_dict(self.best)
         self.net.eval()
@@ -207,12 +208,15 @@ class Trainer:
         ):
             if self.source.fresh is not None:
                 x, reference_deg = self._there(self.source.fresh.draw(rng, _FRESH, steps))
-            found[steps] = self._likeliest(self.net(x), reference_deg)
+            spread = self.source.fresh is not None
+            found[steps] = self._likeliest(self.net(x), reference_deg, spread)
         lengths = np.array(sorted(found))
         self.net.temper(lengths, *np.array([found[n] for n in lengths]).T)
         self.best = copy.deepcopy(self.net.state_dict())
 
-    def _likeliest(self, raw: Tensor, reference_deg: Tensor) -> tuple[float, float]:
+    def _likeliest(
+        self, raw: Tensor, reference_deg: Tensor, with_spread: bool
+    ) -> tuple[float, float]:
         """(more, wider): l into l (1 + wider) + more. A network's own spread is more than there is
         to know: regression to the mean. A prior of _KNOWN on either, as it changes a sigma, keeps
         few windows from doing more harm than good."""
@@ -220,7 +224,7 @@ class Trainer:
         middle, spread = float(log_kappa.mean()), max(float(log_kappa.std(correction=0)), 1e-3)
 
         def change(by: np.ndarray) -> tuple[float, float]:
-            wider = float(by[1]) / spread
+            wider = float(by[1]) / spread if with_spread else 0.0
             return float(by[0]) - wider * middle, wider
 
         def value(by: np.ndarray) -> float:
@@ -229,9 +233,10 @@ class Trainer:
             likely = loss.von_mises_nll(reference_deg, heading, log_kappa * (1 + wider) + more, own)
             return float(likely) + float(np.sum((by / 2 / _KNOWN) ** 2)) / 2 / len(raw)
 
-        around = np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.05]])
+        free = 1 + with_spread
+        around = np.concatenate([np.zeros((1, free)), 0.05 * np.eye(free)])
         options = {"initial_simplex": around, "xatol": 1e-4, "fatol": 1e-9}
-        return change(minimize(value, np.zeros(2), method="Nelder-Mead", options=options).x)
+        return change(minimize(value, np.zeros(free), method="Nelder-Mead", options=options).x)
 
     def _counters(self) -> dict[str, Any]:
         return {
