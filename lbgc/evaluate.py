@@ -172,6 +172,7 @@ def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
     if config.log is not None:
         records = list(logs.read(config.log))
         notes = [f"{config.log.name}: a real log has no truth; errors are from its reference"]
+        notes += dict.fromkeys(note for record in records for note in record.notes)
         imu = None if config.imu is None else config.imu.model(records[0].rate_hz)
         some = records[:16]
         subject = Subject(

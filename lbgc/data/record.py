@@ -28,6 +28,9 @@ class Record:
     """rad, the true heading when the encoder reads zero."""
     heading_reference: float | None = None
     """rad, what the reference instrument says it is."""
+    notes: tuple[str, ...] = ()
+    """What whoever reads its results must know: how its clock was read, what of its frame could not
+    be checked. Plain sentences."""
 
     def __post_init__(self) -> None:
         n = len(self.gyro)
