@@ -13,6 +13,7 @@ from lbgc.data import tables
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.errors import InputError, reading, require, require_choice, require_positive
+from lbgc.sensor.imu import ImuModel
 from lbgc.units import (
     ANGLE_UNITS,
     DEG,
@@ -112,11 +113,21 @@ class _Raw:
     gravity: float | None = None  # m/s^2: the unit g as this file means it
 
 
-def read(config: LogConfig) -> Iterator[Record]:
-    """The log's recordings. Raises InputError for whatever is wrong with it."""
+def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> Iterator[Record]:
+    """The log's recordings. Raises InputError for whatever is wrong with it.
+
+    imu : what is stated of the sensor, where anything is; north : whether the heading is asked
+    for. Where it is not (the noise is fitted, the sensor calibrated), what only a heading needs is
+    noted, not refused.
+    """
     path = _find(config.path)
     for raw in _READERS[config.reader](path, config):
-        yield _record(raw)
+        yield _checked(_record(raw), config, imu, north)
+
+
+def _checked(record: Record, config: LogConfig, imu: ImuModel | None, north: bool) -> Record:
+    """The one place where a record is held against physics, after it was read."""
+    return record
 
 
 def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
