@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from lbgc.data import tables
+from lbgc.data.axes import is_right_handed, matrix_of, require_axes
+from lbgc.data.findings import CHECKS
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.errors import InputError, reading, require, require_choice, require_positive
@@ -61,6 +63,9 @@ class LogConfig:
     """Units a count."""
     axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
     """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
+    accel_axes: list[str] | None = None
+    """The same of accelerometers whose axes or sign are not the gyros'; null: they are the gyros'.
+    Accelerometers that print +g down beside gyros [x, y, z] are [-x, -y, -z]."""
     rate_hz: float | None = None
     """Samples a second; null: from the time column or the header."""
     latitude: float | None = None
@@ -70,6 +75,8 @@ class LogConfig:
     bias_limit_deg_per_h: float = 14.0
     """Largest gyro bias this sensor can have: a mean rate further from Earth's is refused. Below
     15 a unit that makes the rates too small is seen as well."""
+    accept: list[str] = field(default_factory=list)
+    """Checks, by the names that their messages give, whose refusals become notes."""
 
     def __post_init__(self) -> None:
         require_choice("reader", self.reader, tuple(_READERS))
@@ -79,16 +86,15 @@ class LogConfig:
             require(len(set(columns)) == 3, name, columns, "must be three column names")
         require_choice("gyro_unit", self.gyro_unit, list(_GYRO_UNITS))
         require_choice("accel_unit", self.accel_unit, ["auto", *_ACCEL_UNITS])
-        letters = sorted(axis.lstrip("-") for axis in self.axes)
-        require(
-            letters == ["x", "y", "z"],
-            "axes",
-            self.axes,
-            "must be x, y, z, in the order "
-            "forward, right, down, each with a minus if it points the other way",
-        )
-        right_handed = bool(np.isclose(np.linalg.det(_axis_matrix(self.axes)), 1.0))
-        require(right_handed, "axes", self.axes, "is a mirrored frame: check the signs")
+        require_axes("axes", self.axes)
+        if self.accel_axes is None:
+            right = is_right_handed(self.axes)
+            require(right, "axes", self.axes, "is a mirrored frame: check the signs, or give "
+                    "accel_axes as well where the gyros' signs are mirrored")  # fmt: skip
+        else:
+            require_axes("accel_axes", self.accel_axes)
+        for name in self.accept:
+            require_choice("accept", name, CHECKS)
         for name in ("gyro_scale", "accel_scale", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
         if self.rate_hz is not None:
@@ -255,12 +261,12 @@ def _record(raw: _Raw) -> Record:
     accel, accel_unit = _forces(raw, rate)
     _check_resting_force(raw, accel, accel_unit, rate)
     _check_mean_rate(raw, gyro, rate)
-    turn = _axis_matrix(config.axes).T
+    accel_axes = config.axes if config.accel_axes is None else config.accel_axes
     heading = None if config.heading_deg is None else config.heading_deg * DEG
     return Record(
         name=raw.name,
-        gyro=gyro @ turn,
-        accel=accel @ turn,
+        gyro=gyro @ matrix_of(config.axes).T,
+        accel=accel @ matrix_of(accel_axes).T,
         plate_angle=np.zeros(len(gyro)),
         rate_hz=rate,
         latitude=config.latitude * DEG,
@@ -382,11 +388,3 @@ def _fitting(units: list[str]) -> str:
     if units:
         return "in " + " or ".join(units) + " it would make sense"
     return "no unit makes sense of it: is it at rest, and its scale right?"
-
-
-def _axis_matrix(axes: list[str]) -> np.ndarray:
-    """Takes the file's (x, y, z) to (forward, right, down)."""
-    matrix = np.zeros((3, 3))
-    for row, axis in enumerate(axes):
-        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
-    return matrix
