@@ -89,7 +89,7 @@ def warnings(imu: ImuModel | None, mean_s: float) -> list[str]:
         unit, scale = units.unit_of(key), units.factor(key)
         said.append(
             f"imu.{name}.{key} = {round(getattr(triad, part) / scale, 9):g} {unit} has a dead "
-            f"band: the noise that should shake it is {noise / scale:.3g} {unit}. Here it counts as "
-            "noise of the same power, which floor and sigmas take on trust"
+            f"band: the noise that should shake it is {noise / scale:.3g} {unit}. Here it counts "
+            "as noise of the same power, which floor and sigmas take on trust"
         )
     return said
