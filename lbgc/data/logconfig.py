@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lbgc.data.axes import is_right_handed, require_axes
+from lbgc.data.findings import CHECKS
 from lbgc.errors import require, require_choice, require_positive
 from lbgc.units import ANGLE_UNITS, FORCE_UNITS, RATE_UNITS, VELOCITY_UNITS
 
@@ -40,6 +42,9 @@ class LogConfig:
     """Units a count."""
     axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
     """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
+    accel_axes: list[str] | None = None
+    """The same of accelerometers whose axes or sign are not the gyros'; null: they are the gyros'.
+    Accelerometers that print +g down beside gyros [x, y, z] are [-x, -y, -z]."""
     rate_hz: float | None = None
     """Samples a second; null: from the time column or the header."""
     latitude: float | None = None
@@ -49,6 +54,8 @@ class LogConfig:
     bias_limit_deg_per_h: float = 14.0
     """Largest gyro bias this sensor can have: a mean rate further from Earth's is refused. Below
     15 a unit that makes the rates too small is seen as well."""
+    accept: list[str] = field(default_factory=list)
+    """Checks, by the names that their messages give, whose refusals become notes."""
 
     def __post_init__(self) -> None:
         require_choice("reader", self.reader, READERS)
@@ -58,16 +65,15 @@ class LogConfig:
             require(len(set(columns)) == 3, name, columns, "must be three column names")
         require_choice("gyro_unit", self.gyro_unit, list(GYRO_UNITS))
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
-        letters = sorted(axis.lstrip("-") for axis in self.axes)
-        require(
-            letters == ["x", "y", "z"],
-            "axes",
-            self.axes,
-            "must be x, y, z, in the order "
-            "forward, right, down, each with a minus if it points the other way",
-        )
-        right_handed = bool(np.isclose(np.linalg.det(axis_matrix(self.axes)), 1.0))
-        require(right_handed, "axes", self.axes, "is a mirrored frame: check the signs")
+        require_axes("axes", self.axes)
+        if self.accel_axes is None:
+            right = is_right_handed(self.axes)
+            require(right, "axes", self.axes, "is a mirrored frame: check the signs, or give "
+                    "accel_axes as well where the gyros' signs are mirrored")  # fmt: skip
+        else:
+            require_axes("accel_axes", self.accel_axes)
+        for name in self.accept:
+            require_choice("accept", name, CHECKS)
         for name in ("gyro_scale", "accel_scale", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
         if self.rate_hz is not None:
@@ -78,11 +84,3 @@ class LogConfig:
             require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
         if self.latitude is not None:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
-
-
-def axis_matrix(axes: list[str]) -> np.ndarray:
-    """Takes the file's (x, y, z) to (forward, right, down)."""
-    matrix = np.zeros((3, 3))
-    for row, axis in enumerate(axes):
-        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
-    return matrix

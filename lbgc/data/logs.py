@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from lbgc.data import tables
-from lbgc.data.logconfig import ACCEL_UNITS, GYRO_UNITS, LogConfig, axis_matrix
+from lbgc.data.axes import matrix_of
+from lbgc.data.logconfig import ACCEL_UNITS, GYRO_UNITS, LogConfig
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.errors import InputError, reading, require
@@ -186,12 +187,12 @@ def _record(raw: _Raw) -> Record:
     accel, accel_unit = _forces(raw, rate)
     _check_resting_force(raw, accel, accel_unit, rate)
     _check_mean_rate(raw, gyro, rate)
-    turn = axis_matrix(config.axes).T
+    accel_axes = config.axes if config.accel_axes is None else config.accel_axes
     heading = None if config.heading_deg is None else config.heading_deg * DEG
     return Record(
         name=raw.name,
-        gyro=gyro @ turn,
-        accel=accel @ turn,
+        gyro=gyro @ matrix_of(config.axes).T,
+        accel=accel @ matrix_of(accel_axes).T,
         plate_angle=np.zeros(len(gyro)),
         rate_hz=rate,
         latitude=config.latitude * DEG,
