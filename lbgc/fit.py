@@ -135,7 +135,7 @@ def main(config: FitConfig) -> Path:
 def _read(config: FitConfig) -> Static:
     session = None
     if config.log is not None:
-        records = list(logs.read(config.log))
+        records = list(logs.read(config.log, north=False))
         name = config.log.name
     else:
         assert config.data is not None
