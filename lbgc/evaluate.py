@@ -25,6 +25,7 @@ from lbgc.outcome import document_of, outcome_of
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.dither import warnings
 from lbgc.sensor.imu import ImuModel
 from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
 
@@ -214,7 +215,8 @@ def _evaluate(
     if len(evaluation.recordings) == 1:
         notes.append("one recording: intervals are over its windows, as if they were independent")
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]
-    notes = [*subject.notes, *notes, *evaluation.why_not()]
+    of_sensor = warnings(subject.imu, shortest)
+    notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
     return outcome_of(subject, evaluation, keys, notes, config.reach_deg), evaluation
 
 
