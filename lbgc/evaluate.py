@@ -29,6 +29,7 @@ from lbgc.metrics import Ratio, Reach, rmse_interval, rmse_ratio, times_to_reach
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.dither import warnings
 from lbgc.sensor.imu import ImuModel
 
 KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
@@ -291,7 +292,8 @@ def _evaluate(
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]
     rows = {key: evaluation.answers[key].summary() for key in keys}
     absolute = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
-    notes = [*subject.notes, *notes, *evaluation.why_not()]
+    of_sensor = warnings(subject.imu, shortest)
+    notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
     by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
     over = _over_floor(evaluation, keys)
     reach = _reach(config, evaluation, keys)

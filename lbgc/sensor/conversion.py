@@ -54,7 +54,7 @@ def to_si(
         lsb=optional(lsb),
         carried_lsb=optional(carried_lsb),
         range=optional(range),
-        keys={"lsb": lsb, "range": range},
+        keys={"lsb": lsb, "carried_lsb": carried_lsb, "range": range},
         **{part: _axes(config, key) for part, key in keys.items()},
     )
 

@@ -273,6 +273,8 @@ class ImuConfig:
 
     name: str = "custom"
     """How reports call it."""
+    assumed: str = ""
+    """What of it is assumed and was never measured: `evaluate` and `bound` name it."""
     timing: TimingConfig = field(default_factory=TimingConfig)
     temperature: TemperatureConfig = field(default_factory=TemperatureConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
@@ -286,7 +288,7 @@ class ImuConfig:
     def model(self, rate_hz: float) -> ImuModel:
         """In SI units, of a sensor that samples at this rate (Hz)."""
         warming = Disturbance(None, **vars(self.temperature))
-        return ImuModel(self.gyro.triad(), self.accel.triad(), 1 / rate_hz, warming)
+        return ImuModel(self.gyro.triad(), self.accel.triad(), 1 / rate_hz, warming, self.assumed)
 
 
 _MUST_BE_POSITIVE = ("lsb", "range", "flicker", "bandwidth", "damping", "gauss_markov_s")
