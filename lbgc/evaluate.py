@@ -171,7 +171,8 @@ def _batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
 def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
     """What is evaluated on: its description, its recordings and how many there are."""
     if config.log is not None:
-        records = list(logs.read(config.log))
+        stated = None if config.imu is None else config.imu.model(config.log.rate_hz or 1.0)
+        records = list(logs.read(config.log, stated))
         notes = [f"{config.log.name}: a real log has no truth; errors are from its reference"]
         notes += dict.fromkeys(note for record in records for note in record.notes)
         imu = None if config.imu is None else config.imu.model(records[0].rate_hz)

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from lbgc.data.findings import Finding
+from lbgc.data.logconfig import LogConfig
 from lbgc.data.plausible import force_finding, rate_finding, resting
 from lbgc.data.record import Record
 from lbgc.data.triads import (
@@ -16,12 +16,9 @@ from lbgc.data.triads import (
 )
 from lbgc.sensor.imu import ImuModel
 
-if TYPE_CHECKING:
-    from lbgc.data.logs import LogConfig
-
 
 def checked(
-    record: Record, config: "LogConfig", imu: ImuModel | None = None, north: bool = True
+    record: Record, config: LogConfig, imu: ImuModel | None = None, north: bool = True
 ) -> Record:
     """The recording with what its readers must know in its notes.
 
@@ -34,7 +31,7 @@ def checked(
 
 
 def _findings(
-    record: Record, config: "LogConfig", imu: ImuModel | None, north: bool
+    record: Record, config: LogConfig, imu: ImuModel | None, north: bool
 ) -> Iterator[Finding]:
     """In an order in which the first refusal names the cause: values, units, frames, geometry."""
     rest = resting(record, config, imu)
@@ -45,7 +42,7 @@ def _findings(
     frames = Frames(rest, motions(record))
     crossed = frames_finding(frames, config, north)
     rate = None if crossed else rate_finding(rest, config, record.rate_hz, north)
-    for found in (crossed, rate, geometry_finding(rest, config, north)):
+    for found in (crossed, rate, geometry_finding(frames, config, north)):
         if found is not None:
             yield found
     if crossed is None:
@@ -54,7 +51,7 @@ def _findings(
             yield mirrored
 
 
-def together(records: Sequence[Record]) -> list[Record]:
+def together(records: Sequence[Record], config: LogConfig, north: bool = True) -> list[Record]:
     """The recordings of one log: what many of them say is said once, by the first."""
     said: dict[str, tuple[str, int]] = {}
     for record in records:

@@ -5,18 +5,15 @@ each other: nothing is called a wrong unit that a bias explains about as well.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lbgc.data.findings import Finding
+from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.sensor.imu import ImuModel, Triad
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
-
-if TYPE_CHECKING:
-    from lbgc.data.logs import LogConfig
 
 PER_HOUR = HOUR / DEG
 """deg/h in a rad/s."""
@@ -62,7 +59,7 @@ class Resting:
         return EARTH_RATE * float(np.cos(self.latitude))
 
 
-def resting(record: Record, config: "LogConfig", imu: ImuModel | None) -> Resting:
+def resting(record: Record, config: LogConfig, imu: ImuModel | None) -> Resting:
     """A recording's means, what their noise is and what is stated of the sensor's errors."""
     noise = mean_noise(record.gyro)
     stated = None if imu is None else stated_errors(imu.gyro, record.duration_s)
@@ -163,7 +160,7 @@ def down_of(force: np.ndarray) -> np.ndarray:
     return -force / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def force_finding(rest: Resting, config: "LogConfig", rate_hz: float) -> Finding | None:
+def force_finding(rest: Resting, config: LogConfig, rate_hz: float) -> Finding | None:
     """A mean force that is not within a fifth of gravity's: a unit, or a broken sensor."""
     g = normal_gravity(rest.latitude)
     norm = float(np.linalg.norm(rest.force))
@@ -186,15 +183,15 @@ def force_finding(rest: Resting, config: "LogConfig", rate_hz: float) -> Finding
     return Finding("force", "log.accel_unit", shown, "", says)
 
 
-def rate_finding(rest: Resting, config: "LogConfig", rate_hz: float, north: bool) -> Finding | None:
+def rate_finding(rest: Resting, config: LogConfig, rate_hz: float, north: bool) -> Finding | None:
     """A mean rate that Earth cannot cause: a bias above the limit, or another unit."""
     _, off = residual(rest.rate, rest.force, rest.latitude, np.ones(3))
     bias = max(0.0, float(np.linalg.norm(off)) - 5 * float(rest.noise.max()))
-    too_large = bias > rest.limit
+    too_large = bool(bias > rest.limit)
     odds = _odds_of_units(rest, config.gyro_unit, rate_hz)
     best = max(odds.values(), default=0.0)
-    least = max(_MENTIONED if too_large else _CERTAIN, best / _MENTIONED)
-    named = sorted((u for u in odds if odds[u] > least), key=lambda u: -odds[u])
+    enough = max(_MENTIONED if too_large else _CERTAIN, best / _MENTIONED)
+    named = sorted((u for u in odds if odds[u] > enough), key=lambda u: -odds[u])
     mean = float(np.linalg.norm(rest.rate)) * PER_HOUR
     limit = rest.limit * PER_HOUR
     said = f"{rest.name}'s mean rate would be {mean:.4g} deg/h where Earth's is "
@@ -238,7 +235,7 @@ def _odds_of_units(rest: Resting, stated: str, rate_hz: float) -> dict[str, floa
     for unit in (*RATE_UNITS, *ANGLE_UNITS):
         c = _rate_factor(unit, rate_hz) / own
         _, off = residual(c * rest.rate, rest.force, rest.latitude, np.ones(3))
-        fits = np.linalg.norm(off) <= max(rest.limit, 5 * c * np.linalg.norm(rest.noise))
+        fits = float(np.linalg.norm(off)) <= max(rest.limit, 5 * c * float(rest.noise.max()))
         if unit != stated and fits:
             same_kind = (unit in RATE_UNITS) == (stated in RATE_UNITS)
             odds[unit] = density(c) / least * (1.0 if same_kind else _OTHER_KIND)

@@ -8,22 +8,19 @@ right one. Where the base leans or sways, d(f)/dt = -w x f holds for slow motion
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lbgc.data.axes import matrix_of, spelled
 from lbgc.data.findings import Finding
+from lbgc.data.logconfig import LogConfig
 from lbgc.data.plausible import FIVE_SIGMA, PER_HOUR, Resting, down_of, residual
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.units import DEG
 
-if TYPE_CHECKING:
-    from lbgc.data.logs import LogConfig
-
 _EVIDENCE = 25.0
-"""Chi-square by which another frame must be better: twice the log of a likelihood ratio, 5 sigma."""
+"""Chi-square by which another frame must be better, 5 sigma: twice a log likelihood ratio."""
 _RUINOUS = 0.5
 """Of Earth's horizontal rate: a bias that turns north by 30 degrees."""
 _TEN_TIMES = 10.0
@@ -31,7 +28,9 @@ _FORWARD_DEG = 10.0
 _BLOCKS_S = (2.0, 5.0)
 """Of motion: longer than what shakes a sensor about, within which a swaying lever arm's own
 acceleration may exceed gravity's."""
-_FEWEST_BLOCKS = 24
+_FEWEST_BLOCKS = 48
+_EXPLAINED = 0.2
+"""Share of what the vertical does that the gyros must explain before motion says anything."""
 
 _ONE = np.eye(3)
 _LEFT_UP = np.diag([1.0, -1.0, -1.0])
@@ -40,7 +39,7 @@ _RIGHT_FORWARD_UP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]
 
 @dataclass(frozen=True)
 class Frame:
-    """What the log's frames might be instead: what turns each triad, as described, into the body."""
+    """What the log's frames might be instead: it turns each triad, as described, into the body."""
 
     gyro: np.ndarray  # (3, 3), a signed permutation
     accel: np.ndarray  # (3, 3), likewise
@@ -48,7 +47,7 @@ class Frame:
     """Whether the latitude's sign is the wrong one."""
     words: str = ""
 
-    def option(self, config: "LogConfig") -> str:
+    def option(self, config: LogConfig) -> str:
         """What to type for it, and what it means."""
         own = config.axes if config.accel_axes is None else config.accel_axes
         gyro, accel = self.gyro @ matrix_of(config.axes), self.accel @ matrix_of(own)
@@ -72,11 +71,11 @@ _RIGHT_HANDED = [m for m in _EVERY if np.linalg.det(m) > 0]
 _NAMED = (
     Frame(_ONE, -_ONE, words="accelerometers that print +g down"),
     Frame(_LEFT_UP, _ONE, words="gyros forward-left-up beside these accelerometers"),
+    Frame(_ONE, _ONE, south=True, words="the southern or northern half of Earth"),
     Frame(_ONE, _LEFT_UP, words="accelerometers forward-left-up beside these gyros"),
     Frame(_RIGHT_FORWARD_UP, _ONE, words="gyros right-forward-up beside these accelerometers"),
     Frame(_ONE, _RIGHT_FORWARD_UP, words="accelerometers right-forward-up beside these gyros"),
     Frame(_LEFT_UP, -_LEFT_UP, words="forward-left-up, accelerometers that print -g up"),
-    Frame(_ONE, _ONE, south=True, words="the southern or northern half of Earth"),
     Frame(np.diag([1.0, -1.0, 1.0]), np.diag([1.0, -1.0, 1.0]), words="y points the other way"),
     Frame(np.diag([-1.0, 1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]), words="x points the other way"),
     Frame(-_ONE, _ONE, words="the gyros' signs reversed"),
@@ -117,32 +116,37 @@ class Motion:
     def speaks(self, better: Frame, worse: Frame) -> bool:
         """Whether the motion tells the two apart by more than 5 sigma, and fits the better one.
 
-        Of each step the difference of the two misfits over their sum, within +-1: so no knock or
-        bad stretch outweighs the rest.
+        Where the gyros say that most happened, each step's difference of the two misfits over
+        their sum, within +-1: so no knock or bad stretch outweighs the rest.
         """
-        a, b = self.left(better), self.left(worse)
+        if self.explained(better) < _EXPLAINED or self.explained(worse) > 0:
+            return False
+        asked = np.sum(np.cross(self.turned, self.force) ** 2, axis=1)
+        moves = asked >= np.quantile(asked, 0.75)
+        a, b = self.left(better)[moves], self.left(worse)[moves]
         total = a + b
         share = np.divide(b - a, total, out=np.zeros_like(total), where=total > 0)
         error = share.std(ddof=1) / np.sqrt(len(share) / 2)  # neighbours share a block
-        good = self.explained(better) > 0.5 and self.explained(better) > self.explained(worse)
-        return bool(good and share.mean() > max(5 * error, 0.2))
+        return bool(share.mean() > max(5 * error, 0.2))
 
 
 def motions(record: Record) -> list[Motion]:
     """The recording's motion by blocks of each length that it is long enough for."""
+    angle = np.cumsum(record.gyro - record.gyro.mean(axis=0), axis=0) / record.rate_hz
     found = []
     for length in _BLOCKS_S:
         size = round(length * record.rate_hz)
         count = len(record.gyro) // size if size else 0
         if count < _FEWEST_BLOCKS:
             continue
-        used = size * count
-        rate = record.gyro[:used].reshape(count, size, 3).mean(axis=1)
-        force = record.accel[:used].reshape(count, size, 3).mean(axis=1)
-        rate = rate - rate.mean(axis=0)
-        turned = (rate[1:] + rate[:-1]) / 2 * (size / record.rate_hz)
+        force = _means(record.accel, size, count)
+        turned = np.diff(_means(angle, size, count), axis=0)
         found.append(Motion(turned, (force[1:] + force[:-1]) / 2, np.diff(force, axis=0)))
     return found
+
+
+def _means(values: np.ndarray, size: int, count: int) -> np.ndarray:
+    return values[: size * count].reshape(count, size, 3).mean(axis=1)
 
 
 @dataclass(frozen=True)
@@ -178,9 +182,7 @@ class Frames:
     def refutes(self) -> bool:
         """Whether the means contradict by more than a bias that nobody stated may do: where one
         that would turn north by 30 degrees were at work, nothing is lost by a refusal."""
-        return self.rest.stated is not None or (
-            self.described[1] > _RUINOUS * self.rest.horizontal
-        )
+        return self.rest.stated is not None or (self.described[1] > _RUINOUS * self.rest.horizontal)
 
     def explains(self, frame: Frame) -> bool:
         """Whether this frame makes sense of means that contradict the one described."""
@@ -199,7 +201,7 @@ class Frames:
         return float(down_of(frame.accel @ self.rest.force)[2]) > -0.05
 
     def compared(self) -> bool:
-        """Whether signs of one triad against the other would have been seen, had they been wrong."""
+        """Whether a wrong sign of one triad against the other would have been seen."""
         if self.moved(Frame(_ONE, _ONE), Frame(-_ONE, _ONE)):
             return True
         chi, off = self.described
@@ -210,7 +212,7 @@ class Frames:
         return off < far / 3 and far > max(9 * noise, _RUINOUS * self.rest.horizontal)
 
 
-def frames_finding(frames: Frames, config: "LogConfig", north: bool) -> Finding | None:
+def frames_finding(frames: Frames, config: LogConfig, north: bool) -> Finding | None:
     """Gyros against accelerometers: what the means or slow motion contradict by over 5 sigma."""
     own = Frame(_ONE, _ONE)
     upright = [f for f in (*_NAMED, *_SWAPS) if frames.upright(f)]
@@ -237,33 +239,41 @@ def frames_finding(frames: Frames, config: "LogConfig", north: bool) -> Finding 
     return Finding("frames", "log.axes", shown, "", says, refuses=north and sure)
 
 
-def geometry_finding(rest: Resting, config: "LogConfig", north: bool) -> Finding | None:
+def geometry_finding(frames: Frames, config: LogConfig, north: bool) -> Finding | None:
     """Where the described axes point: forward is near the vertical, or down is not down."""
-    down = down_of(rest.force)
-    shown = spelled(matrix_of(config.axes))
+    down = down_of(frames.rest.force)
+    name, shown = frames.rest.name, spelled(matrix_of(config.axes))
     forward = float(np.rad2deg(np.arccos(min(1.0, abs(down[0])))))
     lean = float(np.rad2deg(np.arccos(np.clip(down[2], -1, 1))))
     if forward < _FORWARD_DEG:
         best = [m for m in _RIGHT_HANDED if (m @ down)[2] > np.cos(np.pi / 4)]
         options = "; ".join(Frame(m, m).option(config) for m in best)
-        says = f"{rest.name}: the forward axis is {forward:.2g} degrees from the vertical and has no "
-        says += f"heading; with one of these it has, by which axis shall be forward: {options}"
+        says = f"{name}: the forward axis is {forward:.2g} degrees from the vertical and has no "
+        says += f"heading; these have one, by which axis shall be forward: {options}"
         return Finding("forward", "log.axes", shown, "", says, refuses=north)
     if lean > 90:
-        level = Frame(_LEFT_UP, _LEFT_UP, words="if the file is forward-left-up")
-        right = Frame(_RIGHT_FORWARD_UP, _RIGHT_FORWARD_UP, words="if it is right-forward-up")
-        sign = Frame(_ONE, -_ONE, words="if its accelerometers print +g down")
-        options = "; ".join(f.option(config) for f in (level, right, sign))
-        says = f"{rest.name}: the down axis points up, {lean:.0f} degrees from the measured vertical: "
+        options = "; ".join(f.option(config) for f in _turned_over(frames))
+        says = f"{name}: the down axis points up, {lean:.0f} degrees from the measured vertical: "
         return Finding("vertical", "log.axes", shown, "", says + options, refuses=north)
     if lean > 45:
-        says = f"the down axis is {lean:.0f} degrees from the measured vertical; headings are those "
-        says += "of the forward axis's horizontal part"
+        says = f"the down axis is {lean:.0f} degrees from the measured vertical; headings are of "
+        says += "the forward axis's horizontal part"
         return Finding("vertical", "log.axes", shown, "", says, refuses=False)
     return None
 
 
-def mirrored_finding(frames: Frames, config: "LogConfig") -> Finding | None:
+def _turned_over(frames: Frames) -> list[Frame]:
+    """What a log whose down axis points up may be."""
+    found = [
+        Frame(_LEFT_UP, _LEFT_UP, words="if the file is forward-left-up"),
+        Frame(_RIGHT_FORWARD_UP, _RIGHT_FORWARD_UP, words="if it is right-forward-up"),
+    ]
+    if not frames.compared():
+        found.append(Frame(_ONE, -_ONE, words="if its accelerometers print +g down"))
+    return found
+
+
+def mirrored_finding(frames: Frames, config: LogConfig) -> Finding | None:
     """What of the frames this log cannot say: a note."""
     if frames.moved(Frame(_ONE, _ONE), Frame(-_ONE, _ONE)):
         return None
