@@ -125,10 +125,11 @@ def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
 
 
 def test_every_log_field_changes_the_record_or_is_refused(tmp_path):
-    """What each field does is in test_logs; here: that none is forgotten."""
+    """What each field does is in test_logs and test_checks; here: that none is forgotten."""
+    import test_checks
     import test_logs
 
-    source = Path(test_logs.__file__).read_text()
+    source = "".join(Path(m.__file__).read_text() for m in (test_logs, test_checks))
     named = {f.name for f in fields(LogConfig)} - {"name"}
     assert {n for n in named if n not in source} == set()
 
