@@ -5,8 +5,10 @@ python lbgc/evaluate.py log=lasergyro
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from lbgc.data import logs
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
-from lbgc.estimators import CLASSICAL
+from lbgc.estimators import CLASSICAL, static
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, outcome_of
@@ -28,6 +30,7 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
 from lbgc.sensor.imu import ImuModel
 from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
+from lbgc.verdict import Verdict, reached
 
 KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
 """The floor is no estimator that one could have: it is told the sensor's law."""
@@ -109,15 +112,16 @@ def main(config: EvaluateConfig) -> Path:
         )
     elif config.log is not None:
         estimators |= _pretrained(config.imu, subject.notes)
-    result, evaluation = _evaluate(config, estimators, subject, records, count)
+    found, said = _verdict(config, subject)
+    result, evaluation = _evaluate(config, estimators, subject, records, count, said)
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
     write_atomically(
         directory / "results.json",
-        json.dumps(document_of(config.run, result, evaluation), indent=2),
+        json.dumps(document_of(config.run, result, evaluation, found), indent=2),
     )
     write_atomically(directory / "windows.csv", evaluation.as_csv())
-    for line in result.notes:
+    for line in (*result.notes, *result.verdicts):
         print(line)
     print(table(result))
     page = write_page(directory / "report.html", result, config.run)
@@ -130,6 +134,29 @@ def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], in
         return of_log(config.log, config.imu)
     assert config.data is not None
     return of_dataset(config.data, config.split, config.against, config.known, config.imu)
+
+
+def _verdict(config: EvaluateConfig, subject: Subject) -> tuple[list[Verdict], list[str]]:
+    """Whether this sensor, these recordings and windows can find north. What is stated of the
+    sensor is doubted wherever it is not the law that the recordings were simulated by."""
+    doubted = config.log is not None or config.imu is not None
+    records = list(subject.records() if doubted else islice(subject.records(), 1))
+    return reached(
+        subject.name,
+        subject.sensor,
+        subject.imu,
+        records,
+        config.windows_s,
+        doubted,
+        _bias_sigma(config),
+    )
+
+
+def _bias_sigma(config: EvaluateConfig) -> float | None:
+    """1 sigma of each gyro's bias, rad/s, by the limit that the user gave, as if every bias within
+    it were as probable; None where there is no limit, or the sensor is named."""
+    limit = None if config.log is None or config.imu is not None else config.log.bias_limit
+    return None if limit is None else limit / 3**0.5
 
 
 def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]:
@@ -159,6 +186,11 @@ def _contenders(
     config: EvaluateConfig, estimators: Mapping[str, Estimator], imu: ImuModel | None
 ) -> dict[str, _Contender]:
     found = {name: _Contender(estimate, imu) for name, estimate in estimators.items()}
+    bias_sigma = _bias_sigma(config)
+    if bias_sigma is not None:
+        for name in found.keys() & {"mean", "triad"}:
+            own = partial(getattr(static, name), bias_sigma=bias_sigma)
+            found[name] = _Contender(own, imu)
     if config.known:
         assert imu is not None
         name = f"floor, {' and '.join(config.known)} known"
@@ -172,6 +204,7 @@ def _evaluate(
     subject: Subject,
     records: Iterator[Measured],
     count: int,
+    verdicts: Sequence[str],
 ) -> tuple[Result, Evaluation]:
     """Every estimator on every window of every record."""
     evaluation = Evaluation()
@@ -217,7 +250,7 @@ def _evaluate(
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]
     of_sensor = warnings(subject.imu, shortest)
     notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
-    return outcome_of(subject, evaluation, keys, notes, config.reach_deg), evaluation
+    return outcome_of(subject, evaluation, keys, notes, config.reach_deg, verdicts), evaluation
 
 
 if __name__ == "__main__":
