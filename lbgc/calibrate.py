@@ -73,7 +73,7 @@ def _read(config: CalibrateConfig) -> tuple[np.ndarray, np.ndarray, float, np.nd
         records = list(dataset.records(np.arange(len(dataset))))
         return *_means(records), dataset.label("session"), str(dataset.path)
     assert config.log is not None
-    return *_means(list(logs.read(config.log))), None, config.log.name
+    return *_means(list(logs.read(config.log, north=False))), None, config.log.name
 
 
 def _means(records: list[Record]) -> tuple[np.ndarray, np.ndarray, float]:

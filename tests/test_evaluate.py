@@ -13,7 +13,7 @@ import pytest
 from helpers import default_config, generate, needs_recording
 from test_logs import columns, spoiled, write
 
-import lbgc.evaluate
+import lbgc.subjects
 from lbgc.bound import course_of, crlb
 from lbgc.data.logs import LogConfig
 from lbgc.errors import build
@@ -126,10 +126,11 @@ def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
 
 
 def test_every_log_field_changes_the_record_or_is_refused(tmp_path):
-    """What each field does is in test_logs; here: that none is forgotten."""
+    """What each field does is in test_logs and test_checks; here: that none is forgotten."""
+    import test_checks
     import test_logs
 
-    source = Path(test_logs.__file__).read_text()
+    source = "".join(Path(m.__file__).read_text() for m in (test_logs, test_checks))
     named = {f.name for f in fields(LogConfig)} - {"name"}
     assert {n for n in named if n not in source} == set()
 
@@ -161,9 +162,32 @@ def test_a_log_shorter_than_the_shortest_window_is_refused(cli, tmp_path):
     assert "the longest recording = 9 s: is shorter than the shortest window, 10 s" in done.err
 
 
-def test_a_log_without_heading_cannot_be_scored(cli, tmp_path):
+def test_a_log_without_heading_is_answered_and_not_scored(cli, tmp_path):
+    """Level, at 40 degrees: every window's heading and sigma, on the screen, in JSON, CSV and the
+    page; no error anywhere."""
     write(tmp_path / "log.csv", columns())
-    assert "give log.heading_deg" in cli("lbgc.evaluate", *CSV).err
+    done = cli("lbgc.evaluate", *CSV, "windows_s=[10,20]", "estimators=[mean,triad]")
+    said = results(done, tmp_path)
+    assert said["rows"] == []
+    assert said["against"] is None
+    assert [(r["estimator"], r["window_s"]) for r in said["headings"]][:2] == [
+        ("mean", 10.0), ("mean", 20.0)]  # fmt: skip
+    assert "no heading is known, so there are no errors; log.heading_deg gives one" in done.out
+    own = said["headings"][0]["recordings"][0]
+    assert own["windows"] == len(own["each"])
+    known = results(cli("lbgc.evaluate", *CSV, "log.heading_deg=40", "windows_s=[10]"), tmp_path)
+    with_csv = (tmp_path / done.last_line).with_name("windows.csv").read_text().splitlines()
+    line = dict(zip(with_csv[0].split(","), with_csv[1].split(","), strict=True))
+    assert line["heading_deg"] == line["error_deg"] == ""
+    assert float(line["estimate_deg"]) % 360 == pytest.approx(own["each"][0]["heading_deg"])
+    assert f"{own['each'][0]['heading_deg']:.2f}" in done.out or own["windows"] > 1
+    rmse = known["rows"][0]["rmse_deg"]
+    off = [(e["heading_deg"] - 40 + 180) % 360 - 180 for e in own["each"]]
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(rmse, abs=1e-5)
+    page = (tmp_path / done.last_line).read_text()
+    assert "Nothing is there to check the headings by" in page
+    assert "windows of 20 s" in page
+    assert "NSE" not in page
 
 
 @pytest.mark.parametrize(
@@ -379,7 +403,7 @@ def test_what_a_real_log_drew_is_not_known(cli, tmp_path):
 def test_recordings_together_are_answered_as_each_alone(cli, tmp_path, turning, monkeypatch):
     options = (f"data={turning.path}", "estimators=[two_position,gls,floor]", "windows_s=[10,40]")
     together = results(cli("lbgc.evaluate", *options), tmp_path)
-    monkeypatch.setattr(lbgc.evaluate, "_BATCH_BYTES", 0.0)
+    monkeypatch.setattr(lbgc.subjects, "_BATCH_BYTES", 0.0)
     shutil.rmtree(tmp_path / "outputs")
     alone = results(cli("lbgc.evaluate", *options), tmp_path)
     assert [r["why"] for r in alone["left_out"]] == [r["why"] for r in together["left_out"]]

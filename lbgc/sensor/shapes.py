@@ -1,0 +1,85 @@
+"""What a fitted model is made of: noise terms whose parameters are free."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from lbgc.sensor.gaussian import GaussianTerm
+from lbgc.sensor.noise import (
+    AngleQuantisation,
+    BandLimited,
+    Flicker,
+    GaussMarkov,
+    Line,
+    RandomWalk,
+    White,
+)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A term whose first parameter is its coefficient and whose others are its shape. It can be
+    sent to another process."""
+
+    names: tuple[str, ...]
+    build: Callable[..., GaussianTerm]
+
+    def unit_term(self, shape: Sequence[float]) -> GaussianTerm:
+        return self.build(1.0, *shape)
+
+
+@dataclass(frozen=True)
+class FlickerBetween:
+    """Builds a bias instability between these corners of its floor."""
+
+    short: float
+    """s"""
+    long: float
+    """s"""
+
+    def __call__(self, b: float) -> Flicker:
+        return Flicker(b, self.short, self.long)
+
+
+def flicker(corners: tuple[float, float]) -> Shape:
+    """Bias instability, whose corners (s) are given."""
+    return Shape(("B",), FlickerBetween(*corners))
+
+
+def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
+    """White noise, bias instability and rate random walk: always fitted."""
+    return [Shape(("N",), White), flicker(corners), Shape(("K",), RandomWalk)]
+
+
+QUANTISATION = Shape(("Q",), AngleQuantisation)
+GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
+FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
+FIRST_ORDER_DAMPING = 2.0
+FIRST_ORDER = Shape(("N", "bandwidth"), partial(BandLimited, damping=FIRST_ORDER_DAMPING))
+"""White noise behind a filter whose other pole is fourteen times as fast."""
+
+
+def line(k: int) -> Shape:
+    """The k-th line of a model, from 1 on; the first goes without a number."""
+    number = "" if k == 1 else f"_{k}"
+    names = ("line_sigma", "line_f0", "line_width")
+    return Shape(tuple(name + number for name in names), Line)
+
+
+def renumbered(
+    shapes: Sequence[Shape], values: dict[str, float]
+) -> tuple[list[Shape], dict[str, float]]:
+    """The same model with its lines numbered from 1 on."""
+    out, named, k = [], dict(values), 0
+    for shape in shapes:
+        if not shape.names[0].startswith("line_sigma"):
+            out.append(shape)
+            continue
+        k += 1
+        new = line(k)
+        old = [named.pop(name) for name in shape.names]
+        named = {n: v for n, v in named.items() if n not in new.names} | dict(
+            zip(new.names, old, strict=True)
+        )
+        out.append(new)
+    return out, named
