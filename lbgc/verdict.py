@@ -13,14 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc import bound
+from lbgc.bound import expected_floor
 from lbgc.data.plausible import FIVE_SIGMA, PER_HOUR, mean_noise, residual, stated_errors
 from lbgc.data.record import Record
-from lbgc.data.windows import Windows, cut
+from lbgc.data.windows import cut
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
 from lbgc.estimators.circle import CHANCE
 from lbgc.estimators.course import Course, Site, levelled
+from lbgc.estimators.optimal import apart, budget, information
+from lbgc.sensor import gaussian
 from lbgc.sensor.datasheet import GyroConfig, ImuConfig
 from lbgc.sensor.imu import ImuModel
 
@@ -28,6 +30,8 @@ MOST_DEG = 60.0
 """Of a floor: above it, there is no heading."""
 _MEDIAN = np.sqrt(2 * np.log(2.0))
 """Median length of two standard normals: a residual has two parts that no heading explains."""
+_HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
+_SHAKEN = 3.0
 _RESTS = np.deg2rad(0.01)
 
 
@@ -59,14 +63,20 @@ class Evidence:
     noise: float
     """rad/s, 1 sigma of the mean rate's own noise, an axis"""
     white: float
-    """rad/sqrt(s), white noise by the scatter of means over a second or so"""
+    """rad/sqrt(s), white noise by the scatter of means, of those lengths that have least of it:
+    what shakes the base or is counted averages out faster, what is slow not at all"""
+    shaken: float
+    """Scatter of means over a second or so by what the stated noise makes of them, or that white
+    noise where nothing is stated; 1: all of it"""
     chi: float
     """Chi-square of that difference under what is stated, mean over recordings; 0: nothing is"""
 
     @property
     def bias(self) -> float:
-        """Size of one gyro's bias, rad/s, that makes such a difference as often as not."""
-        return float(np.sqrt(max(self.off**2 - 2 * self.noise**2, 0.0)) / _MEDIAN)
+        """Size of one gyro's bias, rad/s, that makes such a difference as often as not; what hides
+        in the noise, as large as that."""
+        shown = np.sqrt(max(self.off**2 - 2 * self.noise**2, 0.0)) / _MEDIAN
+        return float(max(shown, self.noise))
 
     @property
     def contradicts(self) -> bool:
@@ -88,13 +98,16 @@ def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None
         chi, off = residual(rate, force, record.latitude, sigma)
         down = -force / np.linalg.norm(force)
         figures = np.linalg.norm(rate), down @ off, np.linalg.norm(off), np.mean(noise)
-        found.append((*figures, _white(record), 0.0 if stated is None else chi))
+        found.append((*figures, *_white(record), 0.0 if stated is None else chi))
     if not found:
         return None
     every = np.array(found, float)
-    rms = np.sqrt(np.mean(every[:, :5] ** 2, axis=0)).tolist()
-    mean_rate, vertical, off, noise, white = rms
-    return Evidence(mean_rate, vertical, off, noise, white, float(np.mean(every[:, 5])))
+    mean_rate, vertical, off, noise, white, at_once = np.sqrt(
+        np.mean(every[:, :6] ** 2, axis=0)
+    ).tolist()
+    usual = 0.0 if imu is None else _stated_scatter(imu)
+    shaken = at_once / (usual or white) if usual or white else 1.0
+    return Evidence(mean_rate, vertical, off, noise, white, shaken, float(np.mean(every[:, 6])))
 
 
 def _least() -> float:
@@ -102,22 +115,38 @@ def _least() -> float:
     return 1e-5 * EARTH_RATE
 
 
-def _white(record: Record) -> float:
-    """White noise, rad/sqrt(s), by differences of neighbouring means over a second, or less where
-    the recording is short."""
-    size = max(1, min(round(record.rate_hz), len(record.gyro) // 8))
-    count = len(record.gyro) // size
-    means = record.gyro[: count * size].reshape(count, size, 3).mean(axis=1)
-    if count < 2:
-        return 0.0
-    return float(np.sqrt(np.mean(np.diff(means, axis=0) ** 2) / 2 * size / record.rate_hz))
+def _white(record: Record) -> tuple[float, float]:
+    """White noise, rad/sqrt(s), as neighbouring means would have it: by the lengths of means that
+    show least of it, and by a second or so, the shortest looked at."""
+    shortest = max(1, min(round(record.rate_hz), len(record.gyro) // 32))
+    found: list[float] = []
+    while shortest * 2 ** len(found) * 16 <= len(record.gyro):
+        size = shortest * 2 ** len(found)
+        count = len(record.gyro) // size
+        means = record.gyro[: count * size].reshape(count, size, 3).mean(axis=1)
+        found.append(float(np.mean(np.diff(means, axis=0) ** 2) / 2 * size / record.rate_hz))
+    return (float(np.sqrt(min(found))), float(np.sqrt(found[0]))) if found else (0.0, 0.0)
 
 
-def judged(imu: ImuModel, course: Course, site: Site, window_s: float) -> Verdict:
-    """The verdict on windows of this length and course of the plate, of a sensor of this law."""
-    told = bound.information(imu, course, site)
-    floor = float(np.rad2deg(bound.expected_floor(told)))
-    parts = bound.budget(imu, course, site)
+def _stated_scatter(imu: ImuModel) -> float:
+    """What a sensor of this law would show of `_white` by means over a second, root mean square
+    over its axes."""
+    every = [gaussian.covariance_of_means(t, 2, 1.0) for t in imu.gyro.terms_of_means(imu.dt) if t]
+    return float(np.sqrt(sum(C[0, 0] - C[0, 1] for C in every) / 3))
+
+
+def judged(
+    imu: ImuModel,
+    course: Course,
+    site: Site,
+    window_s: float,
+    lean: tuple[float, float] = (0.0, 0.0),
+) -> Verdict:
+    """The verdict on windows of this length and course of the plate, of a sensor of this law, on a
+    base of this roll and pitch, rad."""
+    told = information(imu, course, site, lean=lean)
+    floor = float(np.rad2deg(min(expected_floor(told), CHANCE)))
+    parts = budget(imu, course, site, _HEADINGS, lean)
     return Verdict(window_s, floor, max(parts, key=lambda name: parts[name], default="nothing"))
 
 
@@ -128,19 +157,15 @@ def verdicts(imu: ImuModel, record: Record, windows_s: Sequence[float]) -> list[
     for window_s in sorted(windows_s):
         try:
             windows = cut(record, window_s)
-            course = _course(windows, imu)
-            if course is not None:
-                found.append(judged(imu, course, Site.at(record.latitude), window_s))
+            if not len(windows):
+                continue
+            part = levelled(windows.rows(slice(0, 1)), imu.dt)[0]
+            if part.course.blocks:
+                roll, pitch = apart(part.base)[0][0].tolist()
+                found.append(judged(imu, part.course, part.site, window_s, (roll, pitch)))
         except InputError:
             continue
     return found
-
-
-def _course(windows: Windows, imu: ImuModel) -> Course | None:
-    if not len(windows):
-        return None
-    course = levelled(windows.rows(slice(0, 1)), imu.dt)[0].course
-    return course if course.blocks else None
 
 
 def assumed(seen: Evidence, bias: float | None) -> ImuModel:
@@ -177,7 +202,9 @@ def said(
         if can:
             lines.append(f"North can be found: {whose}, windows of {lengths} s: {least}")
             continue
-        causes = " and ".join(dict.fromkeys(v.cause for v in own))
+        causes = " and ".join(dict.fromkeys(v.cause for v in own)).replace(
+            "bias of", "gyros' bias of"
+        )
         lines.append(
             f"North CANNOT be found: {whose}, windows of {lengths} s: {least}, by chance it is "
             f"{np.rad2deg(CHANCE):.0f}, and above {MOST_DEG:g} there is no heading. What makes "
@@ -200,6 +227,20 @@ def about(
     of the bias by the user's limit."""
     if seen is None:
         return []
+    lines = []
+    if seen.shaken > _SHAKEN:
+        than = "longer ones explain" if imu is None else f"is stated of {sensor}"
+        lines.append(
+            f"The base moves, or the sensor is shaken or another one: means over a second scatter "
+            f"{seen.shaken:.3g} times more than {than}. mean, triad and gls take a base for "
+            "resting, and their sigmas may be too small; oba and ekf are made for one that sways"
+        )
+    return lines + _about_bias(seen, imu, sensor, limit)
+
+
+def _about_bias(
+    seen: Evidence, imu: ImuModel | None, sensor: str | None, limit: float | None
+) -> list[str]:
     off = (
         f"the mean rate differs from any that Earth could cause by {seen.off * PER_HOUR:.3g} deg/h "
         f"(the vertical one by {seen.vertical * PER_HOUR:.3g})"
