@@ -15,7 +15,6 @@ knows the gyros' misalignment to a part in a hundred thousand: on two positions,
 of 5 s means, the RMSE would be 1.8% less with them. No estimator here takes them.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -43,7 +42,7 @@ from lbgc.estimators.information import (
 )
 from lbgc.estimators.linear import answer, needs_model
 from lbgc.frames import wrap
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.report.figures import bound_against_time, png
 from lbgc.sensor import streams
@@ -223,7 +222,7 @@ def main(config: BoundConfig) -> Path:
     print(budget_table(parts, longest))
     directory = task_directory("bound", fingerprint(asdict(config)))
     result = {"bounds": rows, "budget_deg": {k: float(np.rad2deg(v)) for k, v in parts.items()}}
-    write_atomically(directory / "bound.json", json.dumps(result, indent=2))
+    write_atomically(directory / "bound.json", as_json(result))
     figure = bound_against_time(_curves(config), f"{config.imu.name}, {config.latitude:g}°")
     write_atomically(directory / "bound.png", png(figure))
     mark_latest(directory)

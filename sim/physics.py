@@ -100,7 +100,7 @@ def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) 
         parts.append(sensors[0])
         stages.append(np.where(driven, SLEW, np.where(slow | still, REST, SETTLE)).astype(np.int8))
         at += count
-        settled = still or bool(speed[-2:].max() < SETTLED_RATE) and not driven[-1]
+        settled = still or (bool(speed[-2:].max() < SETTLED_RATE) and not driven[-1])
         since = at / bench.rate_hz - max(
             m.end_s for m in plan.moves if m.start_s < at / bench.rate_hz
         )

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import build, reading
-from lbgc.metrics import Ratio, Reach, Summary
+from lbgc.metrics import Ratio, Reach, Summary, is_untrue
 from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
@@ -27,8 +27,14 @@ _COLUMNS = (
     *("estimator", "window, s", "windows", "RMSE", "its 95% interval", "median", "IQR", "95%"),
     *("RMSE·cos(lat)", "over the floor", "NSE", "us"),
 )
-TRUE_SIGMA = (0.9, 1.1)
-"""Of the mean normalised squared error: outside it, a stated sigma is not true."""
+KINDS = {
+    "lstm": "Bi-LSTM",
+    "gru": "bidirectional GRU",
+    "rnn": "bidirectional RNN",
+    "pool": "layers over moments in time",
+    "filter": "layers that weigh filtered moments",
+}
+"""A network's cell, in words."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,8 @@ class Result:
     by_heading: Mapping[tuple[str, float], list[dict]]
     """By estimator and window length: heading_deg, windows, rmse_deg and its interval (low and
     high, or None) of each sector."""
+    learned: tuple[str, ...] = ()
+    """Which of the estimators were trained."""
 
     @property
     def estimators(self) -> list[str]:
@@ -91,12 +99,6 @@ def _cells(name: str, window: float, s: Summary, over: Ratio | None) -> list[str
         "-" if nse is None else f"{nse:.3g}",
         "-" if us is None else f"{us:.0f}",
     ]
-
-
-def _untrue(result: Result) -> list[bool]:
-    """Whether a row's stated sigma is not true."""
-    values = [s.mean_normalised_squared_error for s in result.rows.values()]
-    return [v is not None and not TRUE_SIGMA[0] <= v <= TRUE_SIGMA[1] for v in values]
 
 
 def table(result: Result) -> str:
@@ -124,12 +126,13 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
     page = template.render(
         subject=result.subject,
         columns=_COLUMNS,
-        rows=list(zip(cells(result), _untrue(result), strict=True)),
+        rows=list(zip(cells(result), map(is_untrue, result.rows.values()), strict=True)),
         reach=result.reach,
         notes=result.notes,
         bias=_bias_split(result.subject.configuration, description),
         paper_rows=_beside_the_paper(result),
         model=description,
+        kind=description and KINDS[description["model"]["cell"]],
         parameters=_published_parameters(description),
         pictures=_pictures(result, run),
     )
@@ -138,7 +141,8 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
 
 
 def _beside_the_paper(result: Result) -> list[dict]:
-    """Median and IQR of each estimator with the paper's: the baseline's for classical ones."""
+    """Median and IQR of the plain mean, the paper's baseline, and of what was learned, beside
+    the paper's, which has no other estimators."""
     return [
         {
             "estimator": name,
@@ -150,7 +154,7 @@ def _beside_the_paper(result: Result) -> list[dict]:
             "paper_iqr": paper.published(paper.IQR_DEG, row, window),
         }
         for (name, window), s in result.rows.items()
-        for row in ["baseline" if name == "mean" else "learned"]
+        for row in ["baseline"] * (name == "mean") + ["learned"] * (name in result.learned)
         if window in paper.WINDOWS_S
     ]
 
@@ -175,7 +179,7 @@ def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | No
 
 
 def _published_parameters(run: Mapping | None) -> int | None:
-    if run is None:
+    if run is None or run["model"]["cell"] != "lstm":
         return None
     return paper.PARAMETERS.get((run["model"]["layers"], run["model"]["hidden"]))
 
