@@ -59,7 +59,12 @@ def since_first(stamps: np.ndarray) -> tuple[np.ndarray, int]:
     usual = float(np.median(forward))
     for wrap in _WRAPS:
         over = steps + wrap
-        if usual < wrap / 4 and np.all((over[steps < 0] > 0) & (over[steps < 0] < 10 * usual)):
+        within = float(np.ptp(stamps)) < wrap and np.abs(stamps).max() <= wrap
+        if (
+            within
+            and usual < wrap / 4
+            and np.all((over[steps < 0] > 0) & (over[steps < 0] < 10 * usual))
+        ):
             return relative + wrap * np.concatenate([[0], np.cumsum(steps < 0)]), len(back)
     return relative, 0
 
@@ -75,9 +80,9 @@ def unit_of_time(name: str, step: float, duration: float, said: Said) -> tuple[s
         return unit, None
     fits = [unit for unit in _TRIED if _is_plausible(step, duration, unit)]
     dated = [unit for unit in fits if _is_date(said.first * TIME_UNITS[unit])]
-    if said.rate_hz is not None:
-        agree = [u for u in fits if abs(1 / step / TIME_UNITS[u] / said.rate_hz - 1) < 0.01]
-        fits = agree or fits
+    agree = [u for u in fits if _agrees(step, u, said.rate_hz)]
+    if len(agree) == 1:
+        fits = agree
     elif len(dated) == 1 and dated[0] in ("s", "ms", "us", "ns"):
         fits = dated
     elif "s" in fits and 1 / step <= _USUAL_HZ and not (said.whole and step >= 0.75):
@@ -103,9 +108,7 @@ def _require_plausible(name: str, unit: str, step: float, duration: float, said:
     if _is_plausible(step, duration, unit):
         return
     fits = [u for u in TIME_UNITS if u != unit and _is_plausible(step, duration, u)]
-    if said.rate_hz is not None:
-        own = [u for u in fits if abs(1 / step / TIME_UNITS[u] / said.rate_hz - 1) < 0.01]
-        fits = own or fits
+    fits = [u for u in fits if _agrees(step, u, said.rate_hz)] or fits
     advice = "no unit of time makes sense of it; give log.rate_hz, and log.time_column=none"
     if fits:
         advice = "it would make sense in " + _would(fits, step, duration)
@@ -119,8 +122,12 @@ def _require_plausible(name: str, unit: str, step: float, duration: float, said:
 
 def _is_plausible(step: float, duration: float, unit: str) -> bool:
     seconds = step * TIME_UNITS[unit]
-    fast = 1 / _FASTEST_HZ <= seconds * (1 + 1e-6) and seconds <= (1 + 1e-6) / _SLOWEST_HZ
+    fast = seconds * (1 + 1e-6) >= 1 / _FASTEST_HZ and seconds <= (1 + 1e-6) / _SLOWEST_HZ
     return fast and duration * TIME_UNITS[unit] <= _LONGEST_S
+
+
+def _agrees(step: float, unit: str, rate_hz: float | None) -> bool:
+    return rate_hz is not None and abs(1 / step / TIME_UNITS[unit] / rate_hz - 1) < 0.01
 
 
 def _is_date(seconds: float) -> bool:

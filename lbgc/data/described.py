@@ -43,16 +43,15 @@ _KINDS = {
     "linacc linaccel specificforce sf force accelerometeracceleration",
 }  # fmt: skip
 _KIND_OF = {word: kind for kind, words in _KINDS.items() for word in words.split()}
-_NOISE = set(
-    "imu sensor raw cal calib calibrated comp compensated uncomp field data rs s b ib out output "
-    "value val meas measured body si group msg header".split()
+_NOISE = re.compile(
+    "imu|sensor|raw|cal|calib|calibrated|comp|compensated|uncomp|field|data|rs|s|b|ib|out|output|"
+    "value|val|meas|measured|body|si|group|msg|header"
 )
-_TIMES = set(
-    "t time times timestamp timestamps stamp elapsed seconds secs sec secondselapsed "
-    "elapsedtime timeelapsed sampletime sampletimefine sensortime systime systemtime unixtime "
-    "epoch epochtime timestart timestartup timesincestartup timesyncin tow gpstow gpstime "
-    "timeofweek utc utctime datetime headerstamp rostime time imu millis micros timegps xvalue "
-    "timeboot loggingtime timestampsincestart timesincestart".split()
+_TIMES = re.compile(
+    "t|times?|timestamps?|stamp|elapsed|seconds|secs?|secondselapsed|elapsedtime|timeelapsed|"
+    "sampletime|sampletimefine|sensortime|sys(tem)?time|unixtime|epoch(time)?|timestart(up)?|"
+    "timesincestart(up)?|timesyncin|tow|gpstow|gpstime|timegps|timeofweek|utc|utctime|datetime|"
+    "rostime|millis|micros|timeboot|loggingtime|timestampsincestart"
 )
 
 
@@ -66,7 +65,7 @@ class Described:
 
 
 def unit(text: str) -> str | None:
-    """A unit as people write it ("°/s", "rad s^-1", "m/s²"), as it is called here; None: not one."""
+    """A unit as people write it ("°/s", "rad s^-1", "m/s²"), as it is called here, or None."""
     plain = text.strip().strip("()[]{}<>").strip().replace("\N{MICRO SIGN}", "u")
     plain = plain.replace("\N{GREEK SMALL LETTER MU}", "u").replace("\N{DEGREE SIGN}", "deg")
     plain = plain.replace("\N{SUPERSCRIPT TWO}", "2").replace("\N{SUPERSCRIPT ONE}", "1")
@@ -92,7 +91,8 @@ def described(name: str, units_row: str = "") -> Described:
     joined = "".join(words)
     if said is None and joined == "sampletimefine":
         return Described("time", None, "100us")
-    if joined in _TIMES or "".join(word for word in words if word not in _NOISE) in _TIMES:
+    bare = "".join(word for word in words if not _NOISE.fullmatch(word))
+    if joined == "xvalue" or _TIMES.fullmatch(joined) or _TIMES.fullmatch(bare):
         of_time = said if said in _DIMENSIONS["time"] else None
         return Described("time", None, of_time if said else _in_name(joined))
     kind, axis = _vector(words)
@@ -114,7 +114,11 @@ def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
             return words[: -len(suffix)], said
     last = words[-1] if len(words) > 1 else ""
     before = "".join(words[:-1])
-    is_time = last in _UNITS and before in _TIMES and _UNITS[last] in _DIMENSIONS["time"]
+    is_time = (
+        last in _UNITS
+        and _TIMES.fullmatch(before) is not None
+        and _UNITS[last] in _DIMENSIONS["time"]
+    )
     is_force = last in ("g", "mg") and len(words) > 2
     if is_time or is_force:
         return words[:-1], _UNITS[last]
@@ -122,7 +126,7 @@ def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
 
 
 def _vector(words: Sequence[str]) -> tuple[str | None, str | None]:
-    kept = [word for word in words if word not in _NOISE and not word.isdigit()]
+    kept = [word for word in words if not _NOISE.fullmatch(word) and not word.isdigit()]
     axes = [word for word in kept if word in ("x", "y", "z")]
     if len(axes) == 1:
         rest = "".join(word for word in kept if word not in axes)

@@ -20,6 +20,8 @@ _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
 }
+_WITH_UNIT = re.compile(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?')
+"""A name and its unit in brackets."""
 _NO_NUMBER = {"nan", "inf", "-inf", "+inf", "na", "n/a", "null", "-nan"}
 
 
@@ -39,13 +41,13 @@ class Layout:
     """The first row's fields."""
 
 
-def layout(lines: Sequence[str], name: str, whole: bool, comma: bool) -> Layout:
+def layout(lines: Sequence[str], key: str, name: str, whole: bool, comma: bool) -> Layout:
     """The layout of a file that begins with these lines.
 
-    name : of the file; whole : whether these are all its lines; comma : whether commas stand
+    key, name : what errors call the file; whole : whether these are all its lines; comma : whether commas stand
     further down, which decides where the first rows hold whole numbers alone. Raises InputError.
     """
-    for least in (6, 4, 2):
+    for least in (6, 4, 2, 1):
         for first in range(min(len(lines), MOST_BEFORE)):
             found = _best(lines, first, least)
             if found is not None:
@@ -55,7 +57,10 @@ def layout(lines: Sequence[str], name: str, whole: bool, comma: bool) -> Layout:
                 return _with_header(lines, first, separator, decimal)
     where = "" if whole or len(lines) < MOST_BEFORE else f" in its first {MOST_BEFORE} lines"
     raise InputError(
-        "log.path", name, "", f"has no rows of numbers{where}, by commas, semicolons, tabs or blanks"
+        key,
+        name,
+        "",
+        f"has no rows of numbers{where}, by comma, semicolon, tab or blank",
     )
 
 
@@ -144,7 +149,7 @@ def _header(line: str, separator: str, width: int, trailing: bool) -> tuple[str,
     splits = [fields(text, separator)] if separator != _BLANKS else []
     splits += [fields(text, other) for other in ("\t", ";", ",") if other in text]
     splits.append(re.split(r"\s{2,}|\t", text.strip()))
-    splits.append([s.strip('"') for s in re.findall(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?', text)])
+    splits.append([word.strip('"') for word in _WITH_UNIT.findall(text)])
     splits.append(fields(text, _BLANKS))
     for found in splits:
         words = [field.strip() for field in found]

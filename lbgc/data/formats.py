@@ -26,7 +26,7 @@ _SINGLE_QUOTES = re.compile(rb"^'", re.M)
 
 
 def shown(text: object) -> str:
-    """A file's own words as they may stand in a message: short, and nothing that a terminal obeys."""
+    """A file's own words as they may stand in a message: short, and harmless to a terminal."""
     plain = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in str(text)[: 2 * _SHOWN])
     return plain if len(plain) <= _SHOWN else plain[: _SHOWN - 3] + "..."
 
@@ -75,7 +75,7 @@ def sheet(path: Path, key: str = "log.path") -> Sheet:
     whole = len(text) <= _HEAD
     if not whole:
         head = head[:-1]
-    found = layout(head, path.name, whole, b"," in text)
+    found = layout(head, key, path.name, whole, b"," in text)
     names = tuple(name.strip() for name in found.names or ("",) * found.width)
     rate = stated_rate(head[: found.first])
     return Sheet(path.stem, names, found.units, rate, _Text(text, found, path.name))

@@ -138,8 +138,8 @@ def _once(found: list[Hole], size: int) -> tuple[Hole, ...]:
 
 
 def _line(stamps: np.ndarray, holes: tuple[Hole, ...]) -> tuple[float, float]:
-    """The step by least squares over every stretch between long holes, each with its own start, single
-    stamps that are far off left out; and the scatter that is left, in steps."""
+    """The step by least squares over every stretch between long holes, each with its own start,
+    single stamps that are far off left out; and the scatter that is left, in steps."""
     k = np.arange(len(stamps), dtype=float)
     counted = k.copy()
     long = [hole for hole in holes if hole.missing < 0 or hole.missing > 10]

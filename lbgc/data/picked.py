@@ -67,8 +67,8 @@ def _position(sheet: Sheet, key: str, name: object) -> int:
     require(not found, key, shown(name), f"stands in {sheet.file} twice; give its position")
     if _is_position(name):
         at = int(str(name))
-        require(1 <= at <= sheet.width, key, name, f"must be from 1 to {sheet.width}, the columns of "
-                f"{sheet.file}")  # fmt: skip
+        about = f"must be from 1 to {sheet.width}, the columns of {sheet.file}"
+        require(1 <= at <= sheet.width, key, name, about)
         return at - 1
     raise InputError(key, shown(name), "", f"is no column of {sheet.file}; {_has(sheet)}")
 

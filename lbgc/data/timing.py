@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,9 +47,7 @@ def stamps_of(name: str, columns: Sequence[np.ndarray]) -> np.ndarray:
     return stamps
 
 
-def timing(
-    name: str, stamps: np.ndarray, said: Said, stated_hz: float | None, gaps: str
-) -> Timing:
+def timing(name: str, stamps: np.ndarray, said: Said, stated_hz: float | None, gaps: str) -> Timing:
     """The rate and pieces of rows with these stamps, (T,), T > 1.
 
     stated_hz : what the user says the rate is; gaps : refuse, join, longest or split. Raises
@@ -66,7 +65,9 @@ def timing(
     unit, note = unit_of_time(name, found.step, span, said)
     notes = [] if note is None else [note]
     if wraps:
-        notes.append(f"{name}'s time began again {wraps} times, as a counter does: it was carried on")
+        notes.append(
+            f"{name}'s time column began again {wraps} times, as counters do, and was carried on"
+        )
     seconds = TIME_UNITS[unit]
     rate = 1 / (found.step * seconds)
     pieces, more = _pieces(name, relative * seconds, found, rate, gaps)
@@ -126,7 +127,7 @@ def _pieces(
         notes.append(f"{name}: {len(long)} gaps, {gone:.4g} s, were joined (log.gaps=join)")
         return (slice(0, n),), notes
     edges = [0, *(hole.row + 1 for hole in long), n]
-    every = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > 1]
+    every = [slice(a, b) for a, b in pairwise(edges) if b - a > 1]
     if gaps == "longest":
         longest = max(every, key=lambda piece: piece.stop - piece.start)
         notes.append(
@@ -136,8 +137,8 @@ def _pieces(
         return (longest,), notes
     kept = [piece for piece in every if piece.stop - piece.start >= rate]
     notes.append(
-        f"{name}: read in {len(kept)} pieces (log.gaps=split); {len(edges) - 1 - len(kept)} of less "
-        "than a second were left out"
+        f"{name}: read in {len(kept)} pieces (log.gaps=split); {len(edges) - 1 - len(kept)} of "
+        "less than a second were left out"
     )
     require(bool(kept), "log.gaps", gaps, f"leaves no piece of {name} that lasts a second")
     return tuple(kept), notes
@@ -160,6 +161,6 @@ def _refuse(name: str, seconds: np.ndarray, long: list[Hole], rate: float) -> No
         f"{name}: time after row {row}",
         f"{seconds[row]:.9g}",
         "s",
-        f"a gap of {seconds[row + 1] - seconds[row]:.4g} s where samples are {1 / rate:.4g} s apart "
-        f"({len(long)} gaps); {options}",
+        f"a gap of {seconds[row + 1] - seconds[row]:.4g} s where samples are {1 / rate:.4g} s apart"
+        f" ({len(long)} gaps); {options}",
     )
