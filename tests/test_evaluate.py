@@ -125,7 +125,7 @@ def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
 
 
 def test_every_log_field_changes_the_record_or_is_refused(tmp_path):
-    """What each field does is in the tests of reading and checking; here: that none is forgotten."""
+    """What each field does is in other tests; here: that none is forgotten."""
     here = Path(__file__).parent
     source = "".join(
         path.read_text() for path in here.glob("test_*.py") if path.name != "test_evaluate.py"

@@ -90,8 +90,8 @@ def unit_of_time(name: str, step: float, duration: float, said: Said) -> tuple[s
     if len(fits) == 1:
         unit = fits[0]
         return unit, None if unit == "s" else (
-            f"{name}'s time column does not say its unit: it was read in {unit}, which makes it "
-            f"{_as(step, duration, unit)}"
+            f"time unit: {name}'s time column does not say it and was read in {unit}, which makes "
+            f"it {_as(step, duration, unit)}"
         )
     if not fits:
         _require_plausible(name, "s", step, duration, said)

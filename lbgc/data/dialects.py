@@ -44,8 +44,9 @@ class Layout:
 def layout(lines: Sequence[str], key: str, name: str, whole: bool, comma: bool) -> Layout:
     """The layout of a file that begins with these lines.
 
-    key, name : what errors call the file; whole : whether these are all its lines; comma : whether commas stand
-    further down, which decides where the first rows hold whole numbers alone. Raises InputError.
+    key, name : what errors call the file; whole : whether these are all its lines; comma : whether
+    commas stand further down, which decides where the first rows hold whole numbers alone. Raises
+    InputError.
     """
     for least in (6, 4, 2, 1):
         for first in range(min(len(lines), MOST_BEFORE)):

@@ -167,7 +167,7 @@ class _Text:
                 continue
             if at == len(rows) - 1 and found < self.layout.width:
                 cut = body.rstrip(b"\n")
-                note = f"{self.file}: its last line, {number}, is cut short and was left out"
+                note = f"last line: number {number} of {self.file} is cut short and was left out"
                 return cut[: cut.rfind(b"\n") + 1], [note]
             raise InputError(
                 f"{self.file}: line {number}",

@@ -5,20 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from lbgc.data import checks
 from lbgc.data.axes import matrix_of
-from lbgc.data.logconfig import ACCEL_UNITS, GYRO_UNITS, LogConfig
+from lbgc.data.logconfig import LogConfig
 from lbgc.data.raw import READERS, Raw, columns, find, require_finite
 from lbgc.data.record import Record
 from lbgc.data.repeats import sampled, without_printed_twice
 from lbgc.data.timing import Timing, timing
-from lbgc.earth import EARTH_RATE, normal_gravity
-from lbgc.errors import InputError, require
+from lbgc.errors import require
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import (
     ANGLE_UNITS,
     DEG,
     FORCE_UNITS,
-    HOUR,
     RATE_UNITS,
     STANDARD_GRAVITY,
     VELOCITY_UNITS,
@@ -34,18 +33,16 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     for. Where it is not (the noise is fitted, the sensor calibrated), what only a heading needs is
     noted, not refused.
     """
-    for raw in READERS[config.reader](find(config.path), config):
-        for record in _records(raw):
-            yield _checked(record, raw.config, imu, north)
-
-
-def _checked(record: Record, config: LogConfig, imu: ImuModel | None, north: bool) -> Record:
-    """The one place where a record is held against physics, after it was read."""
-    return record
+    found = [
+        checks.checked(record, raw.config, imu, north)
+        for raw in READERS[config.reader](find(config.path), config)
+        for record in _records(raw)
+    ]
+    yield from checks.together(found, config, north)
 
 
 def _records(raw: Raw) -> Iterator[Record]:
-    """To SI, to forward-right-down, each piece a record, through every check."""
+    """To SI, to forward-right-down, each piece a record."""
     require(len(raw.gyro) > 1, raw.name, f"{len(raw.gyro)} samples", "is no recording")
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
@@ -77,9 +74,7 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
     require(config.latitude is not None, "log.latitude", None, "must be given for this log")
     assert config.latitude is not None
     gyro = _rates(raw.gyro * config.gyro_scale, config.gyro_unit, rate)
-    accel, accel_unit = _forces(raw, rate)
-    _check_resting_force(raw, accel, accel_unit, rate)
-    _check_mean_rate(raw, gyro, rate)
+    accel = _forces(raw, rate)
     accel_axes = config.axes if config.accel_axes is None else config.accel_axes
     heading = None if config.heading_deg is None else config.heading_deg * DEG
     return Record(
@@ -98,11 +93,11 @@ def _rates(values: np.ndarray, unit: str, rate_hz: float) -> np.ndarray:
     return values * RATE_UNITS[unit] if unit in RATE_UNITS else values * ANGLE_UNITS[unit] * rate_hz
 
 
-def _forces(raw: Raw, rate_hz: float) -> tuple[np.ndarray, str]:
+def _forces(raw: Raw, rate_hz: float) -> np.ndarray:
     values, unit = raw.accel * raw.config.accel_scale, raw.config.accel_unit
     if unit == "auto":
         unit = "g" if np.linalg.norm(values.mean(axis=0)) < 3 else "m/s2"
-    return values * _accel_factor(unit, rate_hz, raw.gravity), unit
+    return values * _accel_factor(unit, rate_hz, raw.gravity)
 
 
 def _accel_factor(unit: str, rate_hz: float, gravity: float | None) -> float:
@@ -110,55 +105,6 @@ def _accel_factor(unit: str, rate_hz: float, gravity: float | None) -> float:
     if gravity is not None and unit in _UNITS_OF_G:
         factor *= gravity / STANDARD_GRAVITY
     return factor
-
-
-def _check_resting_force(raw: Raw, accel: np.ndarray, unit: str, rate_hz: float) -> None:
-    assert raw.config.latitude is not None
-    g = normal_gravity(raw.config.latitude * DEG)
-    norm = float(np.linalg.norm(accel.mean(axis=0)))
-    printed = norm / _accel_factor(unit, rate_hz, raw.gravity)
-    would_fit = [
-        u
-        for u in ACCEL_UNITS
-        if abs(printed * _accel_factor(u, rate_hz, raw.gravity) / g - 1) < 0.2
-    ]
-    if not abs(norm / g - 1) < 0.2:
-        raise InputError(
-            "log.accel_unit",
-            unit,
-            "",
-            f"{raw.name} would rest at {norm:.4g} m/s2, not within 20% of g; {_fitting(would_fit)}",
-        )
-
-
-def _check_mean_rate(raw: Raw, gyro: np.ndarray, rate_hz: float) -> None:
-    limit = raw.config.bias_limit_deg_per_h
-    unit = raw.config.gyro_unit
-    earth = EARTH_RATE / DEG * HOUR
-
-    def plausible(mean_si: float) -> bool:
-        return abs(mean_si / DEG * HOUR - earth) <= limit
-
-    mean = float(np.linalg.norm(gyro.mean(axis=0)))
-    if not plausible(mean):
-        one = _rates(np.ones(1), unit, rate_hz)[0]
-        would_fit = [
-            u for u in GYRO_UNITS if plausible(mean / one * _rates(np.ones(1), u, rate_hz)[0])
-        ]
-        raise InputError(
-            "log.gyro_unit",
-            unit,
-            "",
-            f"{raw.name}'s mean rate would be "
-            f"{mean / DEG * HOUR:.4g} deg/h, Earth's is {earth:.4g} and the bias at "
-            f"most {limit:g} (log.bias_limit_deg_per_h); {_fitting(would_fit)}",
-        )
-
-
-def _fitting(units: list[str]) -> str:
-    if units:
-        return "in " + " or ".join(units) + " it would make sense"
-    return "no unit makes sense of it: is it at rest, and its scale right?"
 
 
 __all__ = ["LogConfig", "columns", "read"]

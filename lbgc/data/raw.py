@@ -97,11 +97,10 @@ def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
             ["gyro"] * 3 + ["accel"] * 3, [*which.gyro, *which.accel], values[:6], strict=True
         )
     ]
-    notes = [note.replace(own.file, name, 1) for note in notes]
     config = _with_units(which, config, name)
     if not which.time:
         if config.rate_hz is None and own.rate_hz is not None:
-            notes.append(f"{name}'s comments state {own.rate_hz:g} Hz, which was taken as its rate")
+            notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
             config = replace(config, rate_hz=own.rate_hz)
         gyro, accel = np.stack(six[:3], axis=1), np.stack(six[3:], axis=1)
         return Raw(name, gyro, accel, config, notes=tuple(notes))

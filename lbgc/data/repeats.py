@@ -23,7 +23,7 @@ def without_printed_twice(raw: Raw) -> Raw:
     kept = np.concatenate([[True], ~same])
     if kept.sum() < FEWEST_CHANGES:
         return raw
-    note = f"{raw.name}: {same.sum()} rows that stand there again, time and all, were left out"
+    note = f"printed twice: {same.sum()} rows of {raw.name}, time and all, were left out"
     return replace(
         raw, gyro=raw.gyro[kept], accel=raw.accel[kept], stamps=raw.stamps[kept],
         notes=(*raw.notes, note),
@@ -44,8 +44,8 @@ def sampled(
     if found.times > 1 and not found.irregular:
         rate = rate_hz / found.times
         note = (
-            f"{name}: {_held(found)}: it was read at {rate:.6g} Hz, the rate of its samples, not "
-            f"at the log's {rate_hz:.6g} Hz"
+            f"held samples: {name}, where {_held(found)}, was read at {rate:.6g} Hz, the rate "
+            f"of its samples, not at the log's {rate_hz:.6g} Hz"
         )
         return taken(rows, found), rate, [note]
     if repeats == "auto" and not found.irregular:
@@ -57,8 +57,8 @@ def sampled(
     kept = dropped(rows)
     rate = rate_hz * kept.sum() / len(kept)
     note = (
-        f"{name}: {len(kept) - kept.sum()} rows that repeat the one before were left out "
-        f"(log.repeats=drop): its {kept.sum()} samples are taken as evenly spaced, at {rate:.6g} Hz"
+        f"held samples: {len(kept) - kept.sum()} rows of {name} like the one before were left out "
+        f"(log.repeats=drop), and its {kept.sum()} samples taken as even, at {rate:.6g} Hz"
     )
     return rows[kept], rate, [note]
 

@@ -65,9 +65,7 @@ def timing(name: str, stamps: np.ndarray, said: Said, stated_hz: float | None, g
     unit, note = unit_of_time(name, found.step, span, said)
     notes = [] if note is None else [note]
     if wraps:
-        notes.append(
-            f"{name}'s time column began again {wraps} times, as counters do, and was carried on"
-        )
+        notes.append(f"counter: {name}'s time column began again {wraps} times, and was carried on")
     seconds = TIME_UNITS[unit]
     rate = 1 / (found.step * seconds)
     pieces, more = _pieces(name, relative * seconds, found, rate, gaps)
@@ -84,13 +82,13 @@ def _of_stamps(name: str, found: Instants, rate: float) -> list[str]:
     notes = []
     if found.repeated:
         notes.append(
-            f"{name}: {found.repeated} time stamps stand there again, with new samples: these were "
-            f"taken as evenly spaced, at {rate:.6g} Hz"
+            f"repeated stamps: {found.repeated} of {name}'s stand there again, with new samples: "
+            f"these were taken as evenly spaced, at {rate:.6g} Hz"
         )
     if found.scatter > _SCATTER:
         notes.append(
-            f"{name}'s time stamps scatter by {found.scatter / rate * 1e3:.2g} ms about an even "
-            f"clock of {rate:.6g} Hz: its samples were taken as evenly spaced"
+            f"jitter: {name}'s time stamps scatter by {found.scatter / rate * 1e3:.2g} ms about an "
+            f"even clock of {rate:.6g} Hz: its samples were taken as evenly spaced"
         )
     return notes
 
@@ -117,28 +115,29 @@ def _pieces(
     if short:
         most = max(hole.missing for hole in short)
         notes.append(
-            f"{name}: {missing} of {n + missing} samples are lost, at most {most} in a row: it was "
-            f"read on as if its {n} samples followed one another at {rate:.6g} Hz"
+            f"lost samples: {missing} of {n + missing} in {name}, at most {most} in a row: it "
+            f"was read on as if its {n} samples followed one another at {rate:.6g} Hz"
         )
     if not long:
         return (slice(0, n),), notes
     if gaps == "join":
         gone = sum(hole.missing for hole in long) / rate
-        notes.append(f"{name}: {len(long)} gaps, {gone:.4g} s, were joined (log.gaps=join)")
+        notes.append(f"gaps: {len(long)} in {name}, {gone:.4g} s, were joined (log.gaps=join)")
         return (slice(0, n),), notes
     edges = [0, *(hole.row + 1 for hole in long), n]
     every = [slice(a, b) for a, b in pairwise(edges) if b - a > 1]
     if gaps == "longest":
         longest = max(every, key=lambda piece: piece.stop - piece.start)
         notes.append(
-            f"{name}: the longest of {len(edges) - 1} pieces was read, rows {longest.start} to "
-            f"{longest.stop - 1}, {(longest.stop - longest.start) / rate:.4g} s (log.gaps=longest)"
+            f"gaps: the longest of {name}'s {len(edges) - 1} pieces was read (log.gaps=longest), "
+            f"rows {longest.start} to {longest.stop - 1}"
         )
         return (longest,), notes
     kept = [piece for piece in every if piece.stop - piece.start >= rate]
+    left_out = len(edges) - 1 - len(kept)
     notes.append(
-        f"{name}: read in {len(kept)} pieces (log.gaps=split); {len(edges) - 1 - len(kept)} of "
-        "less than a second were left out"
+        f"gaps: {name} was read in {len(kept)} pieces (log.gaps=split); {left_out} of less than a "
+        "second were left out"
     )
     require(bool(kept), "log.gaps", gaps, f"leaves no piece of {name} that lasts a second")
     return tuple(kept), notes
