@@ -18,7 +18,8 @@ from lbgc.bound import course_of, crlb
 from lbgc.data.logs import LogConfig
 from lbgc.errors import build
 from lbgc.estimators.course import Site
-from lbgc.estimators.information import information, known
+from lbgc.estimators.information import known
+from lbgc.estimators.optimal import information
 from lbgc.evaluate import KNOWN, EvaluateConfig
 from lbgc.metrics import heading_errors, summarise
 from lbgc.protocol import ProtocolConfig
