@@ -34,6 +34,10 @@ class Summary:
     sec(latitude)."""
     mean_normalised_squared_error: float | None = None
     """Of error/sigma: 1 where the stated sigma is true; None where none was stated, or zero."""
+    sigma_deg: float | None = None
+    """Root mean square of the stated sigmas; None where none was stated."""
+    sigma_is_at_least: bool = False
+    """Whether it is a lower bound: the estimator was told nothing of the sensor."""
     microseconds_a_window: float | None = None
     """Processor time, of one thread: no more are used."""
     intervals: Mapping[str, tuple[float, float]] | None = None
@@ -70,9 +74,11 @@ def summarise(
     sigma: np.ndarray | None = None,
     recording: np.ndarray | None = None,
     seconds: float | None = None,
+    at_least: bool = False,
 ) -> Summary:
     """errors, latitude, sigma : (W,), rad, W >= 1; recording : (W,), which window is whose, for
-    the intervals; seconds : that answering took, altogether."""
+    the intervals; seconds : that answering took, altogether; at_least : whether sigma is a lower
+    bound."""
     size = np.abs(np.rad2deg(errors))
     order = np.argsort(size)  # once, for the quantiles of every resample
     own = _numbers(np.zeros(len(size)) if recording is None else recording)
@@ -94,6 +100,8 @@ def summarise(
         windows=len(size),
         independent=sums.recordings,
         **{name: float(values[0]) for name, values in figures.items()},
+        sigma_deg=_rmse_deg(sigma) if sigma is not None and told else None,
+        sigma_is_at_least=at_least,
         microseconds_a_window=None if seconds is None else 1e6 * seconds / len(size),
         intervals=intervals,
     )

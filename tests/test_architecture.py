@@ -34,9 +34,11 @@ MAY_IMPORT = {
     "lbgc.data": BASE | {"lbgc.sensor"},
     "lbgc.estimators": BASE | {"lbgc.sensor", "lbgc.data"},
     "lbgc.metrics": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
-    "lbgc.answers": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
+    "lbgc.headings": {"lbgc.frames"},
+    "lbgc.answers": BASE
+    | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics", "lbgc.headings"},
     "lbgc.learning": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
-    "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics"},
+    "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics", "lbgc.headings"},
     "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
     "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report"},
     "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
