@@ -162,9 +162,32 @@ def test_a_log_shorter_than_the_shortest_window_is_refused(cli, tmp_path):
     assert "the longest recording = 9 s: is shorter than the shortest window, 10 s" in done.err
 
 
-def test_a_log_without_heading_cannot_be_scored(cli, tmp_path):
+def test_a_log_without_heading_is_answered_and_not_scored(cli, tmp_path):
+    """Level, at 40 degrees: every window's heading and sigma, on the screen, in JSON, CSV and the
+    page; no error anywhere."""
     write(tmp_path / "log.csv", columns())
-    assert "give log.heading_deg" in cli("lbgc.evaluate", *CSV).err
+    done = cli("lbgc.evaluate", *CSV, "windows_s=[10,20]", "estimators=[mean,triad]")
+    said = results(done, tmp_path)
+    assert said["rows"] == []
+    assert said["against"] is None
+    assert [(r["estimator"], r["window_s"]) for r in said["headings"]][:2] == [
+        ("mean", 10.0), ("mean", 20.0)]  # fmt: skip
+    assert "no heading is known, so there are no errors; log.heading_deg gives one" in done.out
+    own = said["headings"][0]["recordings"][0]
+    assert own["windows"] == len(own["each"])
+    known = results(cli("lbgc.evaluate", *CSV, "log.heading_deg=40", "windows_s=[10]"), tmp_path)
+    with_csv = (tmp_path / done.last_line).with_name("windows.csv").read_text().splitlines()
+    line = dict(zip(with_csv[0].split(","), with_csv[1].split(","), strict=True))
+    assert line["heading_deg"] == line["error_deg"] == ""
+    assert float(line["estimate_deg"]) % 360 == pytest.approx(own["each"][0]["heading_deg"])
+    assert f"{own['each'][0]['heading_deg']:.2f}" in done.out or own["windows"] > 1
+    rmse = known["rows"][0]["rmse_deg"]
+    off = [(e["heading_deg"] - 40 + 180) % 360 - 180 for e in own["each"]]
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(rmse, abs=1e-5)
+    page = (tmp_path / done.last_line).read_text()
+    assert "Nothing is there to check the headings by" in page
+    assert "windows of 20 s" in page
+    assert "NSE" not in page
 
 
 @pytest.mark.parametrize(
