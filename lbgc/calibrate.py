@@ -4,7 +4,6 @@ python lbgc/calibrate.py means=FILE latitude=32.76
 python lbgc/calibrate.py data=PATH
 """
 
-import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from lbgc.data.store import Dataset
 from lbgc.earth import EARTH_RATE, heading_exists
 from lbgc.errors import InputError, require, run_main
 from lbgc.estimators.level import level
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.calibrated import report
 from lbgc.sensor.calibration import FEWEST, calibrate, odd_one_out
 from lbgc.units import DEG, HOUR
@@ -72,14 +71,9 @@ def main(config: CalibrateConfig) -> Path:
     found = calibrate(means.rates, means.heading, means.latitude, given.session, given.tilt)
     print(report(found, given.name, _notes(given)))
     directory = task_directory("calibrate", fingerprint({**asdict(config), "name": given.name}))
-    content = {name: _plain(value) for name, value in asdict(found).items()}
-    write_atomically(directory / "calibration.json", json.dumps(content, indent=2) + "\n")
+    write_atomically(directory / "calibration.json", as_json(asdict(found)) + "\n")
     mark_latest(directory)
     return directory / "calibration.json"
-
-
-def _plain(value: object) -> object:
-    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def tilt_of(force: np.ndarray, names: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
