@@ -4,7 +4,6 @@ python lbgc/calibrate.py means=FILE latitude=32.76
 python lbgc/calibrate.py data=PATH
 """
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from lbgc.data import logs
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, run_main
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.sensor.calibration import Calibration, calibrate
 from lbgc.units import DEG, HOUR
 
@@ -51,8 +50,7 @@ def main(config: CalibrateConfig) -> Path:
     found = calibrate(rates, heading, latitude, session)
     print(report(found, name))
     directory = task_directory("calibrate", fingerprint({**asdict(config), "name": name}))
-    content = {k: None if v is None else np.asarray(v).tolist() for k, v in vars(found).items()}
-    write_atomically(directory / "calibration.json", json.dumps(content, indent=2) + "\n")
+    write_atomically(directory / "calibration.json", as_json(vars(found)) + "\n")
     mark_latest(directory)
     return directory / "calibration.json"
 

@@ -3,7 +3,6 @@
 python lbgc/fit.py log=csv log.path=mine.csv log.latitude=48.1 name=mine
 """
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -15,9 +14,9 @@ from lbgc.data import logs
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, require_positive, run_main
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.allan_page import AllanData, draw
-from lbgc.report.fitted import as_json, of_axis, report
+from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.sensor import axes
 from lbgc.sensor.fitting import Fit
@@ -75,7 +74,7 @@ def main(config: FitConfig) -> Path:
     corners = (config.flicker_short_s, config.flicker_long_s)
     yaml = sensor_yaml(config.name, corners, static, fits, calibration)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
-    write_atomically(directory / "fit.json", json.dumps(as_json(fits), indent=2) + "\n")
+    write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
     for part in PARTS:
         data = AllanData(part, getattr(static, part), static.dt, static.latitude)
         for name, figure in draw(data, fits[part]).items():
@@ -104,7 +103,7 @@ def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, lis
 
         for name, fit in axes.fitted(series, static.dt, corners, config.processes, say):
             done[name] = fit
-            text = json.dumps(of_axis(fit), indent=2) + "\n"
+            text = as_json(of_axis(fit)) + "\n"
             write_atomically(directory / f"{name[0]}_{AXES[name[1]]}.json", text)
             bar.update()
     return {part: [done[part, axis] for axis in range(3)] for part in PARTS}
