@@ -19,6 +19,7 @@ from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.sensor import axes
+from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Fit
 
 SHORTEST_S = 60.0
@@ -68,9 +69,7 @@ def main(config: FitConfig) -> Path:
     print(report(static, fits))
     calibration = None
     if static.heading is not None and len(static.heading) >= calibrate.FEWEST:
-        rates = static.gyro.mean(axis=1)
-        calibration = calibrate.calibrate(rates, static.heading, static.latitude, static.session)
-        print(calibrate.report(calibration, static.name))
+        calibration = _calibrated(static)
     corners = (config.flicker_short_s, config.flicker_long_s)
     yaml = sensor_yaml(config.name, corners, static, fits, calibration)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
@@ -83,6 +82,21 @@ def main(config: FitConfig) -> Path:
     print("use it:")
     print(f"python sim/generate.py --config-dir {directory} imu={config.name}")
     return directory
+
+
+def _calibrated(static: Static) -> Calibration | None:
+    """Bias by lifetime, printed; None, and why, where the recordings do not tell it."""
+    assert static.heading is not None
+    names = [f"{static.name}, recording {i}" for i in range(len(static.heading))]
+    rates = static.gyro.mean(axis=1)
+    try:
+        tilt = calibrate.tilt_of(static.accel.mean(axis=1), names)
+    except InputError as error:
+        print(f"no bias by lifetime: {error}")
+        return None
+    found = calibrate.calibrate(rates, static.heading, static.latitude, static.session, tilt)
+    print(calibrate.report(found, static.name))
+    return found
 
 
 def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, list[Fit]]:
