@@ -126,8 +126,8 @@ class _Text:
 
     def _skipped(self) -> list[str]:
         return [
-            f"first lines: number {at + 1} of {self.file} ({shown(line)}) has no {self.layout.width} "
-            "fields of numbers and was left out"
+            f"first lines: number {at + 1} of {self.file} ({shown(line)}) is no row of "
+            f"{self.layout.width} and was left out"
             for at, line in self.layout.skipped
         ]
 
