@@ -44,7 +44,7 @@ def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
 
 def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterator[Measured], int]:
     """A log's description, its recordings and how many there are. imu : what is said of it."""
-    records = list(logs.read(log))
+    records = list(logs.read(log, None if imu is None else imu.model(log.rate_hz or 1.0)))
     notes = [f"{log.name}: a real log has no truth; errors are from its reference"]
     notes += dict.fromkeys(note for record in records for note in record.notes)
     model = None if imu is None else imu.model(records[0].rate_hz)
