@@ -120,7 +120,7 @@ def spelled(e: Estimate, key: str) -> str:
     return f"{e.value / scale:.4g}{unit}, 95% {e.low / scale:.4g} to {e.high / scale:.4g}"
 
 
-def as_json(fits: dict[str, list[Fit]]) -> dict:
+def of_axes(fits: dict[str, list[Fit]]) -> dict:
     """Every axis's."""
     return {part: [of_axis(fit) for fit in axes] for part, axes in fits.items()}
 
