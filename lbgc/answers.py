@@ -2,12 +2,15 @@
 
 import csv
 import io
+import sys
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError
@@ -15,6 +18,22 @@ from lbgc.estimators.estimate import Estimate, Estimator
 from lbgc.headings import Headings
 from lbgc.metrics import Summary, heading_errors, summarise
 from lbgc.sensor.imu import ImuModel
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Estimators answer in one thread meanwhile, so that processor time is what an answer takes:
+    threads that wait for each other spend it too."""
+    torch = sys.modules.get("torch")  # where nothing was learned it is not there
+    before = torch.get_num_threads() if torch else 1
+    with threadpool_limits(1):
+        try:
+            if torch:
+                torch.set_num_threads(1)
+            yield
+        finally:
+            if torch:
+                torch.set_num_threads(before)
 
 
 @dataclass(frozen=True)

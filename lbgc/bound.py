@@ -15,7 +15,6 @@ rest to rest, in which the plate's known angle tells what misalignment and scale
 The base may lean: the latitude and the vertical gyro say what of Earth's vertical rate that brings.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -32,7 +31,7 @@ from lbgc.estimators.information import AS_LENGTHS, LIFETIMES, across, along, ba
 from lbgc.estimators.linear import LEANS, answer, needs_model
 from lbgc.estimators.optimal import Information, budget, degrees, fitted, information
 from lbgc.frames import wrap
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.report.figures import bound_against_time, png
 from lbgc.sensor import streams
@@ -213,7 +212,7 @@ def main(config: BoundConfig) -> Path:
     print(budget_table(parts, longest["window_s"]))
     directory = task_directory("bound", fingerprint(asdict(config)))
     result = {"bounds": rows, "budget_deg": {k: float(np.rad2deg(v)) for k, v in parts.items()}}
-    write_atomically(directory / "bound.json", json.dumps(result, indent=2))
+    write_atomically(directory / "bound.json", as_json(result))
     figure = bound_against_time(_curves(config), f"{config.imu.name}, {config.latitude:g}°")
     write_atomically(directory / "bound.png", png(figure))
     mark_latest(directory)

@@ -17,7 +17,7 @@ from lbgc.earth import EARTH_RATE
 from lbgc.errors import build, reading
 from lbgc.headings import Table, one_by_one, spelled
 from lbgc.headings import rows as headings_as_rows
-from lbgc.metrics import Ratio, Reach, Summary
+from lbgc.metrics import Ratio, Reach, Summary, is_untrue
 from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
@@ -29,10 +29,16 @@ _COLUMNS = (
     *("estimator", "window, s", "windows", "RMSE", "its 95% interval", "median", "IQR", "95%"),
     *("RMSE·cos(lat)", "over the floor", "sigma", "NSE", "us"),
 )
+KINDS = {
+    "lstm": "Bi-LSTM",
+    "gru": "bidirectional GRU",
+    "rnn": "bidirectional RNN",
+    "pool": "layers over moments in time",
+    "filter": "layers that weigh filtered moments",
+}
+"""A network's cell, in words."""
 _MOST_RECORDINGS = 8
 """Whose headings are drawn."""
-TRUE_SIGMA = (0.9, 1.1)
-"""Of the mean normalised squared error: outside it, a stated sigma is not true."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,8 @@ class Result:
     """Where nobody knows the headings: what was answered, and nothing of the above."""
     verdicts: Sequence[str] = ()
     """Whether north can be found at all, in plain sentences."""
+    learned: tuple[str, ...] = ()
+    """Which of the estimators were trained."""
 
     @property
     def estimators(self) -> list[str]:
@@ -103,12 +111,6 @@ def _cells(name: str, window: float, s: Summary, over: Ratio | None) -> list[str
         "-" if nse is None else f"{nse:.3g}",
         "-" if us is None else f"{us:.0f}",
     ]
-
-
-def _untrue(result: Result) -> list[bool]:
-    """Whether a row's stated sigma is not true."""
-    values = [s.mean_normalised_squared_error for s in result.rows.values()]
-    return [v is not None and not TRUE_SIGMA[0] <= v <= TRUE_SIGMA[1] for v in values]
 
 
 def table(result: Result) -> str:
@@ -147,12 +149,13 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
         columns=_COLUMNS,
         headings=headings_as_rows(result.headings) if result.headings else None,
         verdicts=result.verdicts,
-        rows=list(zip(cells(result), _untrue(result), strict=True)),
+        rows=list(zip(cells(result), map(is_untrue, result.rows.values()), strict=True)),
         reach=result.reach,
         notes=result.notes,
         bias=_bias_split(result.subject.configuration, description),
         paper_rows=_beside_the_paper(result),
         model=description,
+        kind=description and KINDS[description["model"]["cell"]],
         parameters=_published_parameters(description),
         pictures=_pictures(result, run),
     )
@@ -161,7 +164,8 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
 
 
 def _beside_the_paper(result: Result) -> list[dict]:
-    """Median and IQR of each estimator with the paper's: the baseline's for classical ones."""
+    """Median and IQR of the plain mean, the paper's baseline, and of what was learned, beside
+    the paper's, which has no other estimators."""
     return [
         {
             "estimator": name,
@@ -173,7 +177,7 @@ def _beside_the_paper(result: Result) -> list[dict]:
             "paper_iqr": paper.published(paper.IQR_DEG, row, window),
         }
         for (name, window), s in result.rows.items()
-        for row in ["baseline" if name == "mean" else "learned"]
+        for row in ["baseline"] * (name == "mean") + ["learned"] * (name in result.learned)
         if window in paper.WINDOWS_S
     ]
 
@@ -198,7 +202,7 @@ def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | No
 
 
 def _published_parameters(run: Mapping | None) -> int | None:
-    if run is None:
+    if run is None or run["model"]["cell"] != "lstm":
         return None
     return paper.PARAMETERS.get((run["model"]["layers"], run["model"]["hidden"]))
 
