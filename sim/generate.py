@@ -26,6 +26,7 @@ from lbgc.errors import require, require_choice, require_positive, run_main
 from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.dither import check_means
 from sim import cluster
 from sim.cluster import ClusterConfig
 from sim.physics import check_servo
@@ -157,10 +158,10 @@ def main(config: GenerateConfig) -> Path | str:
     check_servo(config.scene, planned)
     if config.output == "means":
         fastest = EARTH_RATE + max((move.rate for move in planned.moves), default=0.0)
-        sensor.gyro.check_means("imu.gyro", 1 / config.rate_hz, fastest)
-        sensor.accel.check_means(
-            "imu.accel", 1 / config.rate_hz, normal_gravity(latitude, config.height_m)
-        )
+        gravity = normal_gravity(latitude, config.height_m)
+        for name, largest in (("gyro", fastest), ("accel", gravity)):
+            triad = getattr(sensor, name)
+            check_means(triad, f"imu.{name}", 1 / config.rate_hz, config.mean_s, largest)
     if not heading_exists(latitude):
         print(
             f"warning: at latitude {config.latitude:g} heading does not exist; the labels say only "

@@ -8,6 +8,7 @@ import pytest
 from lbgc.errors import InputError
 from lbgc.sensor import noise, streams
 from lbgc.sensor.datasheet import AccelConfig, AccelLine, GyroConfig, GyroLine
+from lbgc.sensor.dither import check_means
 from lbgc.sensor.imu import Disturbance, Triad, UnitErrors
 from lbgc.units import DEG, HOUR
 
@@ -217,10 +218,10 @@ def test_means_have_the_law_of_averaged_samples_tone_and_counts_included(rng):
 def test_means_are_refused_in_the_dead_band_and_at_the_range():
     coarse = replace(GYRO, rate_lsb_deg_per_s=0.2).triad()
     with pytest.raises(InputError, match=r"imu.gyro.rate_lsb_deg_per_s = 0.2 deg/s.*dead band"):
-        coarse.check_means("imu.gyro", 0.01, 7e-5)
+        check_means(coarse, "imu.gyro", 0.01, 1.0, 7e-5)
     with pytest.raises(InputError, match=r"imu.accel.range_g = 0.5 g.*clips"):
-        replace(ACCEL, range_g=0.5).triad().check_means("imu.accel", 0.01, 9.8)
-    GYRO.triad().check_means("imu.gyro", 0.01, 7e-5)
+        check_means(replace(ACCEL, range_g=0.5).triad(), "imu.accel", 0.01, 1.0, 9.8)
+    check_means(GYRO.triad(), "imu.gyro", 0.01, 1.0, 7e-5)
 
 
 def test_predicted_allan_variance_is_that_of_what_is_printed(rng):

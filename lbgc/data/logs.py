@@ -4,15 +4,17 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from lbgc.data import tables
+from lbgc.data.axes import matrix_of
+from lbgc.data.logconfig import ACCEL_UNITS, GYRO_UNITS, LogConfig
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
-from lbgc.errors import InputError, reading, require, require_choice, require_positive
+from lbgc.errors import InputError, reading, require
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import (
     ANGLE_UNITS,
@@ -24,81 +26,11 @@ from lbgc.units import (
     VELOCITY_UNITS,
 )
 
-_GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
-_ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
 _UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
 _NONSENSE = 1e30
 _MS, _G, _SCALES = (1e-3, 1e6), (1.0, 100.0), (1e-9, 1e9)
 """Of a PSINS header: interval, m/s^2, and arcsec or ug s a count."""
 _HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
-
-
-@dataclass(frozen=True)
-class LogConfig:
-    """A log, what `conf/log/*.yaml` holds."""
-
-    name: str = "log"
-    """How reports call it."""
-    reader: str = "table"
-    """table: CSV or Parquet with named columns. recordings: a directory of CSV files
-    `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
-    path: str = ""
-    """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS."""
-    gyro_columns: list[str] = field(default_factory=lambda: ["w_x", "w_y", "w_z"])
-    """The file's x, y and z."""
-    accel_columns: list[str] = field(default_factory=lambda: ["f_x", "f_y", "f_z"])
-    """The file's x, y and z."""
-    time_column: str | None = None
-    """Seconds; null where the file has none."""
-    gyro_unit: str = "rad/s"
-    """Of a rate, or of an increment a sample (rad, deg, arcsec)."""
-    accel_unit: str = "m/s2"
-    """Of a specific force, or of an increment a sample (m/s, g*s, ug*s); auto: m/s2 or g,
-    whichever makes the log rest at 1 g."""
-    gyro_scale: float = 1.0
-    """Units a count."""
-    accel_scale: float = 1.0
-    """Units a count."""
-    axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
-    """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
-    rate_hz: float | None = None
-    """Samples a second; null: from the time column or the header."""
-    latitude: float | None = None
-    """degrees; null: from the header"""
-    heading_deg: float | None = None
-    """Reference heading of the forward axis; null: from the header or the file's name, if there."""
-    bias_limit_deg_per_h: float = 14.0
-    """Largest gyro bias this sensor can have: a mean rate further from Earth's is refused. Below
-    15 a unit that makes the rates too small is seen as well."""
-
-    def __post_init__(self) -> None:
-        require_choice("reader", self.reader, tuple(_READERS))
-        require(bool(self.path), "path", self.path, "must name a file")
-        for name in ("gyro_columns", "accel_columns"):
-            columns = getattr(self, name)
-            require(len(set(columns)) == 3, name, columns, "must be three column names")
-        require_choice("gyro_unit", self.gyro_unit, list(_GYRO_UNITS))
-        require_choice("accel_unit", self.accel_unit, ["auto", *_ACCEL_UNITS])
-        letters = sorted(axis.lstrip("-") for axis in self.axes)
-        require(
-            letters == ["x", "y", "z"],
-            "axes",
-            self.axes,
-            "must be x, y, z, in the order "
-            "forward, right, down, each with a minus if it points the other way",
-        )
-        right_handed = bool(np.isclose(np.linalg.det(_axis_matrix(self.axes)), 1.0))
-        require(right_handed, "axes", self.axes, "is a mirrored frame: check the signs")
-        for name in ("gyro_scale", "accel_scale", "bias_limit_deg_per_h"):
-            require_positive(name, getattr(self, name))
-        if self.rate_hz is not None:
-            good = 0 < self.rate_hz < np.inf
-            require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
-        if self.heading_deg is not None:
-            good = abs(self.heading_deg) <= 360
-            require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
-        if self.latitude is not None:
-            require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
 
 
 @dataclass(frozen=True)
@@ -255,12 +187,12 @@ def _record(raw: _Raw) -> Record:
     accel, accel_unit = _forces(raw, rate)
     _check_resting_force(raw, accel, accel_unit, rate)
     _check_mean_rate(raw, gyro, rate)
-    turn = _axis_matrix(config.axes).T
+    accel_axes = config.axes if config.accel_axes is None else config.accel_axes
     heading = None if config.heading_deg is None else config.heading_deg * DEG
     return Record(
         name=raw.name,
-        gyro=gyro @ turn,
-        accel=accel @ turn,
+        gyro=gyro @ matrix_of(config.axes).T,
+        accel=accel @ matrix_of(accel_axes).T,
         plate_angle=np.zeros(len(gyro)),
         rate_hz=rate,
         latitude=config.latitude * DEG,
@@ -342,7 +274,7 @@ def _check_resting_force(raw: _Raw, accel: np.ndarray, unit: str, rate_hz: float
     printed = norm / _accel_factor(unit, rate_hz, raw.gravity)
     would_fit = [
         u
-        for u in _ACCEL_UNITS
+        for u in ACCEL_UNITS
         if abs(printed * _accel_factor(u, rate_hz, raw.gravity) / g - 1) < 0.2
     ]
     if not abs(norm / g - 1) < 0.2:
@@ -366,7 +298,7 @@ def _check_mean_rate(raw: _Raw, gyro: np.ndarray, rate_hz: float) -> None:
     if not plausible(mean):
         one = _rates(np.ones(1), unit, rate_hz)[0]
         would_fit = [
-            u for u in _GYRO_UNITS if plausible(mean / one * _rates(np.ones(1), u, rate_hz)[0])
+            u for u in GYRO_UNITS if plausible(mean / one * _rates(np.ones(1), u, rate_hz)[0])
         ]
         raise InputError(
             "log.gyro_unit",
@@ -384,9 +316,4 @@ def _fitting(units: list[str]) -> str:
     return "no unit makes sense of it: is it at rest, and its scale right?"
 
 
-def _axis_matrix(axes: list[str]) -> np.ndarray:
-    """Takes the file's (x, y, z) to (forward, right, down)."""
-    matrix = np.zeros((3, 3))
-    for row, axis in enumerate(axes):
-        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
-    return matrix
+__all__ = ["LogConfig", "columns", "read"]

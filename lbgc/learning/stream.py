@@ -21,6 +21,7 @@ from lbgc.frames import euler_to_matrix, unrepeated
 from lbgc.learning.augment import on_plate
 from lbgc.sensor.batch import Lasting, measure_means
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.dither import check_means
 from lbgc.sensor.imu import ImuModel
 
 _MOVING = {
@@ -64,8 +65,9 @@ class Streamed:
         fastest = turning * recordings.rate_hz + 1e-4
         height = float(configuration["height_m"])
         gravity = normal_gravity(float(recordings.latitude[0]), height)
-        imu.gyro.check_means("imu.gyro", imu.dt, fastest)
-        imu.accel.check_means("imu.accel", imu.dt, gravity)
+        mean_s = 1 / recordings.rate_hz
+        check_means(imu.gyro, "imu.gyro", imu.dt, mean_s, fastest)
+        check_means(imu.accel, "imu.accel", imu.dt, mean_s, gravity)
         angles = [dataset.label(name)[rows] for name in ("roll", "pitch")]
         return cls(
             recordings,

@@ -14,8 +14,6 @@ from typing import Self
 
 import numpy as np
 
-from lbgc import units
-from lbgc.errors import InputError
 from lbgc.sensor import gaussian, noise
 from lbgc.sensor.low_pass import low_pass
 
@@ -144,7 +142,7 @@ class Triad:
     """Count of the integrated output (rad, m/s)."""
     range: float | None
     keys: dict[str, str] = field(compare=False)
-    """The configured names of `lsb` and `range`, for messages."""
+    """The configured names of `lsb`, `carried_lsb` and `range`, for messages."""
 
     @cached_property
     def terms(self) -> tuple[gaussian.Gaussians, ...]:
@@ -294,8 +292,8 @@ class Triad:
         front, and each recording its own generator: float32 (R, 3, n).
 
         Rounding enters as the white noise that it is while the samples' noise exceeds half a count
-        (`check_means` refuses where it does not, and where the range would clip); carried counts
-        as angle quantisation of a twelfth of their square.
+        (`lbgc.sensor.dither` refuses where it does not, and where the range would clip); carried
+        counts as angle quantisation of a twelfth of their square.
         """
         means = self._noise(self.terms_of_means(dt), rng, errors, n, dt * block)
         if truth.shape[-1] in (1, n):
@@ -354,32 +352,6 @@ class Triad:
                 signal[..., axis, :] = low_pass(signal[..., axis, :], *shape, dt)
         return signal
 
-    def check_means(self, name: str, dt: float, largest_truth: float) -> None:
-        """Raise InputError where block means cannot have the law of averaged samples.
-
-        name : the triad's key, for the message; largest_truth : of its rate or force, SI.
-        """
-        quietest = min(
-            float(np.sqrt(gaussian.covariance_of_means(terms[:1], 1, dt)[0, 0])) if terms else 0.0
-            for terms in self.terms
-        )
-        if self.lsb is not None and quietest < self.lsb / 2:
-            self._refuse_means(name, "lsb", quietest, "the samples' noise is", "has a dead band")
-        loudest = largest_truth + 6 * max(self.N) / np.sqrt(dt) + max(self.tone)
-        if self.range is not None and loudest > self.range:
-            self._refuse_means(name, "range", loudest, "signal and noise reach", "clips")
-
-    def _refuse_means(self, name: str, part: str, value: float, what: str, why: str) -> None:
-        key = self.keys[part]
-        unit, scale = units.unit_of(key), units.factor(key)
-        raise InputError(
-            f"{name}.{key}",
-            round(getattr(self, part) / scale, 9),
-            unit,
-            f"{what} {value / scale:.3g} {unit}, so this {why}, which means cannot represent; "
-            "use output=samples, or null for this key",
-        )
-
 
 @dataclass(frozen=True)
 class ImuModel:
@@ -390,6 +362,8 @@ class ImuModel:
     dt: float
     """s: interval of the sensor's own samples, by which counts are read"""
     warming: Disturbance = field(default_factory=Disturbance)
+    assumed: str = ""
+    """What of it is assumed and was never measured, for whoever reads figures that hang on it."""
 
     @property
     def averages_motion(self) -> bool:

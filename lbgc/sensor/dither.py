@@ -1,0 +1,95 @@
+"""Whether a sensor's own noise shakes its output across counts, so that rounding is plain noise.
+
+Rounding samples adds white noise of LSB^2/12, and rounding a carried angle or velocity adds IEEE
+Std 952's quantisation, where the noise before rounding exceeds half a count: the rounding error's
+first harmonic is then below exp(-2 pi^2/4) = 0.7% of its full size. Below that, what is printed
+hangs on where the mean stands within a count: there is a dead band, whose errors no second moment
+tells.
+"""
+
+import numpy as np
+
+from lbgc import units
+from lbgc.errors import InputError
+from lbgc.sensor import gaussian
+from lbgc.sensor.imu import ImuModel, Triad
+
+ENOUGH = 0.5
+"""Counts of noise, 1 sigma, above which rounding is noise."""
+
+
+def quietest(triad: Triad, dt: float) -> float:
+    """The white noise of the quietest axis in means over dt (s): 1 sigma, SI. What wanders slowly
+    and what swings steadily is no dither that can be relied on."""
+    sigmas = [
+        float(np.sqrt(gaussian.covariance_of_means(terms[:1], 1, dt)[0, 0])) if N > 0 else 0.0
+        for N, terms in zip(triad.N, triad.terms, strict=True)
+    ]
+    return min(sigmas)
+
+
+def undithered(triad: Triad, dt: float, mean_s: float) -> tuple[str, float] | None:
+    """The key of the count that the noise does not shake, and that noise (1 sigma, SI in the
+    count's unit); None where there is no such count.
+
+    dt : s, of samples, by which a rate's counts are read; mean_s : s, the means that are taken. A
+    carried count is rounded once a mean, and shaken by the angle's noise within it.
+    """
+    if triad.lsb is not None:
+        noise = quietest(triad, dt)
+        return None if noise >= ENOUGH * triad.lsb else ("lsb", noise)
+    if triad.carried_lsb is not None:
+        noise = quietest(triad, mean_s) * mean_s
+        return None if noise >= ENOUGH * triad.carried_lsb else ("carried_lsb", noise)
+    return None
+
+
+def check_means(triad: Triad, name: str, dt: float, mean_s: float, largest_truth: float) -> None:
+    """Raise InputError where block means cannot have the law of averaged samples.
+
+    name : the triad's key, for the message; dt, mean_s : s, of samples and of means;
+    largest_truth : of its rate or force, SI.
+    """
+    found = undithered(triad, dt, mean_s)
+    if found is not None:
+        part, noise = found
+        what = "the samples' noise is" if part == "lsb" else f"the noise over {mean_s:g} s is"
+        _refuse(triad, name, part, noise, what, "has a dead band")
+    loudest = largest_truth + 6 * max(triad.N) / np.sqrt(dt) + max(triad.tone)
+    if triad.range is not None and loudest > triad.range:
+        _refuse(triad, name, "range", loudest, "signal and noise reach", "clips")
+
+
+def _refuse(triad: Triad, name: str, part: str, value: float, what: str, why: str) -> None:
+    key = triad.keys[part]
+    unit, scale = units.unit_of(key), units.factor(key)
+    raise InputError(
+        f"{name}.{key}",
+        round(getattr(triad, part) / scale, 9),
+        unit,
+        f"{what} {value / scale:.3g} {unit}, so this {why}, which means cannot represent; "
+        "use output=samples, or null for this key",
+    )
+
+
+def warnings(imu: ImuModel | None, mean_s: float) -> list[str]:
+    """What to say of a sensor wherever its means' law is used: a plain sentence for what is assumed
+    of it, and for each triad whose counts its noise does not shake. mean_s : s, the means that are
+    taken."""
+    if imu is None:
+        return []
+    said = [f"assumed of the sensor, not measured: {imu.assumed}"] if imu.assumed else []
+    for name in ("gyro", "accel"):
+        triad: Triad = getattr(imu, name)
+        found = undithered(triad, imu.dt, mean_s)
+        if found is None:
+            continue
+        part, noise = found
+        key = triad.keys[part]
+        unit, scale = units.unit_of(key), units.factor(key)
+        said.append(
+            f"imu.{name}.{key} = {round(getattr(triad, part) / scale, 9):g} {unit} has a dead "
+            f"band: the noise that should shake it is {noise / scale:.3g} {unit}. Here it counts "
+            "as noise of the same power, which floor and sigmas take on trust"
+        )
+    return said
