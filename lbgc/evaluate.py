@@ -4,25 +4,24 @@ python lbgc/evaluate.py data=PATH run=RUN
 python lbgc/evaluate.py log=lasergyro
 """
 
-import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from lbgc.answers import Evaluation, Own
+from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.bound import floor
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
-from lbgc.data.windows import cut, joined
+from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, outcome_of
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
@@ -109,13 +108,13 @@ def main(config: EvaluateConfig) -> Path:
         )
     elif config.log is not None:
         estimators |= _pretrained(config.imu, subject.notes)
-    result, evaluation = _evaluate(config, estimators, subject, records, count)
+    with one_thread():
+        result, evaluation = _evaluate(config, estimators, subject, records, count)
+    result = replace(result, learned=tuple(name for name in estimators if name not in KNOWN))
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
-    write_atomically(
-        directory / "results.json",
-        json.dumps(document_of(config.run, result, evaluation), indent=2),
-    )
+    document = document_of(config.run, result, evaluation)
+    write_atomically(directory / "results.json", as_json(document))
     write_atomically(directory / "windows.csv", evaluation.as_csv())
     for line in result.notes:
         print(line)
@@ -177,6 +176,7 @@ def _evaluate(
     evaluation = Evaluation()
     contenders = _contenders(config, estimators, subject.imu)
     longest = 0.0
+    lengths: list[str | None] = []
     bar = tqdm(total=count, desc="evaluating", unit="rec", leave=False)
     for batch in batches(records):
         heading = np.array([heading_of(own.record, subject.against) for own in batch])
@@ -185,6 +185,7 @@ def _evaluate(
         longest = max(longest, batch[0].record.duration_s)
         for window_s in config.windows_s:
             each = [cut(own.record, window_s) for own in batch]
+            lengths.append(length_note(batch[0].record, window_s))
             sizes = [len(windows) for windows in each]
             if not any(sizes):
                 continue
@@ -198,7 +199,7 @@ def _evaluate(
         bar.update(len(batch))
     bar.close()
     shortest = min(config.windows_s)
-    if longest < shortest:
+    if longest < shortest and not evaluation.answers:
         raise InputError(
             "the longest recording",
             f"{longest:g}",
@@ -210,8 +211,9 @@ def _evaluate(
     notes = [
         f"windows of {window:g} s are left out: the longest recording has {longest:g} s"
         for window in config.windows_s
-        if window > longest
+        if window > longest and not any(window == own for _, own in evaluation.answers)
     ]
+    notes += dict.fromkeys(note for note in lengths if note)
     if len(evaluation.recordings) == 1:
         notes.append("one recording: intervals are over its windows, as if they were independent")
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]

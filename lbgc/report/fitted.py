@@ -4,8 +4,14 @@ and the result's JSON."""
 import re
 from dataclasses import asdict
 
+import numpy as np
+
 from lbgc.data.static import AXES, Static
-from lbgc.sensor.fitting import Estimate, Fit
+from lbgc.sensor.fitting import Fit
+from lbgc.sensor.goodness import Goodness
+from lbgc.sensor.profile import Estimate
+from lbgc.sensor.search import half_power_ratio
+from lbgc.sensor.shapes import FIRST_ORDER_DAMPING
 from lbgc.units import factor, unit_of
 
 # parameter -> the key of `conf/imu/`, for a gyro and for an accelerometer
@@ -36,13 +42,18 @@ WORDS = {
     "line_sigma": "narrow-band line, rms",
     "line_f0": "its frequency",
     "line_width": "its width",
-    "bandwidth": "output filter",
+    "bandwidth": "output filter, half power at",
     "damping": "its damping",
 }
 
 
 def every_estimate(fit: Fit) -> dict[str, Estimate]:
-    return {**fit.estimates, "ramp": fit.ramp}
+    """What was estimated and what was taken as given, by name."""
+    given = {}
+    if "bandwidth" in fit.estimates and "damping" not in fit.estimates:
+        damping = FIRST_ORDER_DAMPING
+        given["damping"] = Estimate(damping, damping, damping, damping)
+    return {**fit.estimates, **given, "ramp": fit.ramp}
 
 
 def unnumbered(name: str) -> str:
@@ -65,25 +76,51 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
             lines.append(f"{part} {axis}")
             for name, e in every_estimate(fit).items():
                 plain = unnumbered(name)
+                e = half_power(fit) if name == "bandwidth" else e
                 lines.append(f"  {WORDS[plain]:30s} {spelled(e, KEYS[plain][which])}")
             for tone in fit.tones:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
                 lines.append(f"  {'tone':30s} {size:.3g} {unit} at {tone.f:.4g} Hz")
+            lines.append(f"  {'goodness of fit':30s} {explained(fit)}")
     return "\n".join(lines)
 
 
+def explained(fit: Fit) -> str:
+    """Whether the model explains the recording, and what it does not."""
+    g = fit.goodness
+    if g is None:
+        return "not looked at"
+    if g.fails:
+        return f"FAILS: {g.says}; intervals are wider by that"
+    return f"p = {g.p:.2g}: spectrum {g.p_spectrum:.2g}, Allan {g.p_allan:.2g}, time {g.p_time:.2g}"
+
+
+def half_power(fit: Fit) -> Estimate:
+    """The frequency at which the fitted filter lets half of the power through, Hz. It is better
+    known than the natural frequency, which goes with the damping."""
+    e = fit.estimates["bandwidth"]
+    damping = every_estimate(fit)["damping"].value
+    ratio = half_power_ratio(damping)
+    return Estimate(ratio * e.value, ratio * e.low, ratio * e.high, ratio * e.upper)
+
+
 def spelled(e: Estimate, key: str) -> str:
+    """An estimate, or the limit that the data set, in its key's unit."""
     scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
     if e.is_limit:
         return (
             f"below {e.upper / scale:.3g}{unit} (95%); this log cannot tell it from zero, a longer "
             "one may"
         )
+    if e.is_lower_limit:
+        return f"above {e.low / scale:.3g}{unit} (95%)"
+    if e.low == e.high:
+        return f"{e.value / scale:.4g}{unit}, taken as such"
     return f"{e.value / scale:.4g}{unit}, 95% {e.low / scale:.4g} to {e.high / scale:.4g}"
 
 
-def as_json(fits: dict[str, list[Fit]]) -> dict:
+def of_axes(fits: dict[str, list[Fit]]) -> dict:
     """Every axis's."""
     return {part: [of_axis(fit) for fit in axes] for part, axes in fits.items()}
 
@@ -91,7 +128,29 @@ def as_json(fits: dict[str, list[Fit]]) -> dict:
 def of_axis(fit: Fit) -> dict:
     """Every estimate in SI, and the tones."""
     return {
-        "estimates": {n: asdict(e) for n, e in every_estimate(fit).items()},
+        "estimates": {n: _plain(e) for n, e in every_estimate(fit).items()},
         "tones": [asdict(t) for t in fit.tones],
         "bic": fit.bic,
+        "goodness": None if fit.goodness is None else _goodness(fit.goodness),
     }
+
+
+def _goodness(g: Goodness) -> dict:
+    """As JSON: p-values, what is not explained, and the power over the model's in bands."""
+    return {
+        "p": g.p,
+        "p_spectrum": g.p_spectrum,
+        "p_allan": g.p_allan,
+        "p_time": g.p_time,
+        "fails": g.fails,
+        "says": g.says,
+        "bands": [asdict(band) for band in g.bands],
+        "worst_band": asdict(g.worst),
+        "unsteady_band": asdict(g.unsteady),
+        "widened_by": list(g.widening) if g.fails else None,
+    }
+
+
+def _plain(e: Estimate) -> dict[str, float | None]:
+    """With null where the data set no upper end."""
+    return {key: value if np.isfinite(value) else None for key, value in asdict(e).items()}

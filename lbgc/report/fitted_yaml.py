@@ -5,7 +5,8 @@ import numpy as np
 from lbgc.data.static import Static
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
 from lbgc.sensor.calibration import Calibration
-from lbgc.sensor.fitting import Estimate, Fit
+from lbgc.sensor.fitting import Fit
+from lbgc.sensor.profile import Estimate
 from lbgc.units import factor
 
 
@@ -64,14 +65,22 @@ _NEUTRAL = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "d
 def _figures(start: str, name: str, found: list[Estimate | None], scale: float) -> str:
     """`key: [x, y, z]  # intervals`; an axis that has no such part has a neutral figure."""
     neutral = _NEUTRAL.get(name, 0.0)
-    told = [neutral if e is None else 0.0 if e.is_limit else e.value / scale for e in found]
-    ranges = [
-        "-" if e is None
-        else f"<{e.upper / scale:.3g}" if e.is_limit
-        else f"{e.low / scale:.3g}..{e.high / scale:.3g}"
-        for e in found
-    ]  # fmt: skip
+    is_size = name not in _NEUTRAL  # else part of a shape, which keeps its place at an end too
+    told = [
+        neutral if e is None else 0.0 if e.is_limit and is_size else e.value / scale for e in found
+    ]
+    ranges = ["-" if e is None else _range(e, scale) for e in found]
     return f"{start}: [{', '.join(map(_number, told))}]  # {', '.join(ranges)}"
+
+
+def _range(e: Estimate, scale: float) -> str:
+    if e.is_limit:
+        return f"<{e.upper / scale:.3g}"
+    if e.is_lower_limit:
+        return f">{e.low / scale:.3g}"
+    if e.low == e.high:
+        return "given"
+    return f"{e.low / scale:.3g}..{e.high / scale:.3g}"
 
 
 def _number(value: float) -> str:
