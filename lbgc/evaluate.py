@@ -15,7 +15,7 @@ from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.bound import floor
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
-from lbgc.data.windows import cut, joined
+from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
 from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.estimate import Estimator
@@ -176,6 +176,7 @@ def _evaluate(
     evaluation = Evaluation()
     contenders = _contenders(config, estimators, subject.imu)
     longest, coarse_means = 0.0, dict[float, str | None]()
+    lengths: list[str | None] = []
     bar = tqdm(total=count, desc="evaluating", unit="rec", leave=False)
     for batch in batches(records):
         heading = np.array([heading_of(own.record, subject.against) for own in batch])
@@ -184,6 +185,7 @@ def _evaluate(
         longest = max(longest, batch[0].record.duration_s)
         for window_s in config.windows_s:
             each = [cut(own.record, window_s) for own in batch]
+            lengths.append(length_note(batch[0].record, window_s))
             sizes = [len(windows) for windows in each]
             if not any(sizes):
                 continue
@@ -200,7 +202,7 @@ def _evaluate(
         bar.update(len(batch))
     bar.close()
     shortest = min(config.windows_s)
-    if longest < shortest:
+    if longest < shortest and not evaluation.answers:
         raise InputError(
             "the longest recording",
             f"{longest:g}",
@@ -212,8 +214,9 @@ def _evaluate(
     notes = [
         f"windows of {window:g} s are left out: the longest recording has {longest:g} s"
         for window in config.windows_s
-        if window > longest
+        if window > longest and not any(window == own for _, own in evaluation.answers)
     ]
+    notes += dict.fromkeys(note for note in lengths if note)
     if len(evaluation.recordings) == 1:
         notes.append("one recording: intervals are over its windows, as if they were independent")
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]

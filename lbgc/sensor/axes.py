@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from lbgc.sensor.fitting import Fit, choose
+from lbgc.sensor.fitting import Fit, choose, judged
 from lbgc.sensor.ordinates import pooled
 
 Name: TypeAlias = tuple[str, int]
@@ -68,7 +68,10 @@ def _finished(begun: dict[Future, Name], said: Any, say: Say) -> Iterator[tuple[
 def _fit(
     series: np.ndarray, dt: float, corners: tuple[float, float], say: Callable[[str], None]
 ) -> Fit:
-    return choose(pooled(series, dt), corners, say)
+    data = pooled(series, dt)
+    fit = choose(data, corners, say)
+    say("goodness of fit")
+    return judged(series, data, fit)
 
 
 def _task(name: Name, series: np.ndarray, dt: float, corners: tuple[float, float]) -> Fit:
