@@ -107,6 +107,9 @@ def build(cls: type[Config], mapping: Mapping[str, Any]) -> Config:
 
     Raises InputError, naming the parameter by its full key.
     """
+    adopted = getattr(cls, "adopted", None)
+    if adopted is not None:  # other people's names for what it holds
+        mapping = adopted(mapping)
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     for key in mapping:
@@ -271,8 +274,10 @@ def _never_forgotten() -> Iterator[None]:
 ALTERNATIVES = (
     {"arw_deg_per_sqrt_h", "noise_deg_per_s_per_sqrt_hz"},
     {"noise_ug_per_sqrt_hz", "vrw_m_per_s_per_sqrt_h"},
+    {"bias_instability_deg_per_h", "allan_minimum_deg_per_h"},
+    {"bias_instability_ug", "allan_minimum_ug", "allan_minimum_mg"},
 )
-"""Keys that say one thing in different units."""
+"""Keys that say one thing in different units or words."""
 
 
 def _replace_alternatives(values: Any, overrides: Sequence[str]) -> None:

@@ -5,32 +5,29 @@ python lbgc/evaluate.py log=lasergyro
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from lbgc.answers import Answers, Evaluation, Own
+from lbgc.answers import Evaluation, Own
 from lbgc.bound import floor
 from lbgc.data import logs
-from lbgc.data.calibrated import calibrated, drawn_errors
-from lbgc.data.record import Record
 from lbgc.data.schema import SPLITS
-from lbgc.data.store import Dataset
 from lbgc.data.windows import cut, joined
-from lbgc.earth import heading_exists
-from lbgc.errors import InputError, build, require, require_choice, require_positive, run_main
+from lbgc.errors import InputError, require, require_choice, require_positive, run_main
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
-from lbgc.metrics import Ratio, Reach, rmse_interval, rmse_ratio, times_to_reach
+from lbgc.outcome import document_of, outcome_of
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
 from lbgc.sensor.imu import ImuModel
+from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
 
 KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
 """The floor is no estimator that one could have: it is told the sensor's law."""
@@ -104,7 +101,7 @@ def main(config: EvaluateConfig) -> Path:
         from lbgc.learning.estimator import Learned  # PyTorch, a second that the classical save
 
         learned = Learned.load(config.run)
-    subject, records, count = _subject(config)
+    subject, records, count = _subject_of(config)
     if learned is not None:
         estimators[learned.name] = learned
         subject.notes.append(
@@ -116,7 +113,8 @@ def main(config: EvaluateConfig) -> Path:
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
     write_atomically(
-        directory / "results.json", json.dumps(_as_json(config, result, evaluation), indent=2)
+        directory / "results.json",
+        json.dumps(document_of(config.run, result, evaluation), indent=2),
     )
     write_atomically(directory / "windows.csv", evaluation.as_csv())
     for line in result.notes:
@@ -125,6 +123,13 @@ def main(config: EvaluateConfig) -> Path:
     page = write_page(directory / "report.html", result, config.run)
     mark_latest(directory)
     return page
+
+
+def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
+    if config.log is not None:
+        return of_log(config.log, config.imu)
+    assert config.data is not None
+    return of_dataset(config.data, config.split, config.against, config.known, config.imu)
 
 
 def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]:
@@ -139,86 +144,6 @@ def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]
         notes.append(f"no pretrained model is of {whose}; there are some of {known}")
     notes += [f"{model.name}: meant for {model.meant_for}" for model in own]
     return {model.name: model for model in own}
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A recording, and the same with what is known of its sensor's errors taken out."""
-
-    record: Record
-    calibrated: Record | None = None
-
-
-_BATCH_BYTES = 6e6
-"""Of the gyros of recordings that are answered together: many short ones, two at full rate."""
-
-
-def _batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
-    """Consecutive ones that are alike, so that estimators can answer many at once."""
-    batch: list[Measured] = []
-    for own in records:
-        if batch:
-            first = batch[0].record
-            alike = own.record.rate_hz == first.rate_hz and len(own.record.gyro) == len(first.gyro)
-            if not alike or len(batch) * first.gyro.nbytes > _BATCH_BYTES:
-                yield batch
-                batch = []
-        batch.append(own)
-    if batch:
-        yield batch
-
-
-def _subject(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
-    """What is evaluated on: its description, its recordings and how many there are."""
-    if config.log is not None:
-        records = list(logs.read(config.log))
-        notes = [f"{config.log.name}: a real log has no truth; errors are from its reference"]
-        notes += dict.fromkeys(note for record in records for note in record.notes)
-        imu = None if config.imu is None else config.imu.model(records[0].rate_hz)
-        some = records[:16]
-        subject = Subject(
-            config.log.name,
-            "reference",
-            notes,
-            lambda: some,
-            min(len(r.gyro) for r in some),
-            some[0].rate_hz,
-            some[0].latitude,
-            identity="",
-            imu=imu,
-        )
-        return subject, (Measured(record) for record in records), len(records)
-    assert config.data is not None
-    dataset = Dataset.open_finished(config.data)
-    indices = dataset.in_split(config.split)
-    require(len(indices) > 0, "split", config.split, "has no recordings in this dataset")
-    configuration = dataset.configuration
-    own = build(ImuConfig, configuration["imu"])
-    notes = []
-    if config.imu is not None:
-        notes.append(f"estimators are told of {config.imu.name}; the data are of {own.name}")
-    subject = Subject(
-        f"{dataset.place}, {config.split} split",
-        config.against,
-        notes,
-        lambda: dataset.records(indices[:16]),
-        dataset.layout.samples,
-        dataset.rate_hz,
-        float(np.deg2rad(configuration["latitude"])),
-        identity=dataset.identity,
-        configuration=configuration,
-        imu=(config.imu or own).model(float(configuration["rate_hz"])),
-        picture=dataset.path.with_suffix(".png"),
-    )
-    measured: Iterator[Measured] = (Measured(record) for record in dataset.records(indices))
-    if config.known:
-        lifetimes, drawn = tuple(config.known), drawn_errors(dataset, indices)
-        warming = own.model(float(configuration["rate_hz"])).warming
-        measured = (
-            Measured(record, calibrated(record, *errors, lifetimes, warming))
-            for record, errors in zip(dataset.records(indices), drawn, strict=True)
-        )
-    return subject, measured, len(indices)
 
 
 @dataclass(frozen=True)
@@ -253,8 +178,8 @@ def _evaluate(
     contenders = _contenders(config, estimators, subject.imu)
     longest = 0.0
     bar = tqdm(total=count, desc="evaluating", unit="rec", leave=False)
-    for batch in _batches(records):
-        heading = np.array([_heading(own.record, subject.against) for own in batch])
+    for batch in batches(records):
+        heading = np.array([heading_of(own.record, subject.against) for own in batch])
         numbers = np.arange(len(batch)) + len(evaluation.recordings)
         evaluation.recordings += [own.record.name for own in batch]
         longest = max(longest, batch[0].record.duration_s)
@@ -290,102 +215,9 @@ def _evaluate(
     if len(evaluation.recordings) == 1:
         notes.append("one recording: intervals are over its windows, as if they were independent")
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]
-    rows = {key: evaluation.answers[key].summary() for key in keys}
-    absolute = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
     of_sensor = warnings(subject.imu, shortest)
     notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
-    by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
-    over = _over_floor(evaluation, keys)
-    reach = _reach(config, evaluation, keys)
-    return Result(subject, rows, absolute, notes, reach, over, by_heading), evaluation
-
-
-def _over_floor(
-    evaluation: Evaluation, keys: Sequence[tuple[str, float]]
-) -> dict[tuple[str, float], Ratio]:
-    found = {}
-    for name, window in keys:
-        least = evaluation.answers.get(("floor", window))
-        if least is not None and name != "floor":
-            own = evaluation.answers[name, window]
-            errors = own.all_of("errors"), least.all_of("errors")
-            found[name, window] = rmse_ratio(*errors, own.all_of("recording"))
-    return found
-
-
-def _reach(
-    config: EvaluateConfig, evaluation: Evaluation, keys: Sequence[tuple[str, float]]
-) -> dict[str, dict[float, Reach]]:
-    """Estimator -> error in degrees -> the window length that it takes."""
-    found = {}
-    for name in dict.fromkeys(name for name, _ in keys):
-        own = {w: evaluation.answers[n, w] for n, w in keys if n == name}
-        errors = {w: (a.all_of("errors"), a.all_of("recording")) for w, a in own.items()}
-        found[name] = times_to_reach(errors, config.reach_deg)
-    return found
-
-
-def _per_heading(answers: Answers) -> list[dict]:
-    """RMSE by true heading, in sectors of 30 degrees about their middles, and its 95% interval."""
-    sector = np.round(np.rad2deg(answers.all_of("heading")) / 30).astype(int) % 12
-    errors, recording = np.rad2deg(answers.all_of("errors")), answers.all_of("recording")
-    return [
-        {
-            "heading_deg": 30.0 * s,
-            "windows": int(np.sum(sector == s)),
-            "rmse_deg": float(np.sqrt(np.mean(errors[sector == s] ** 2))),
-            "interval": rmse_interval(errors[sector == s], recording[sector == s]),
-        }
-        for s in np.unique(sector)
-    ]
-
-
-def _heading(record: Record, against: str) -> float:
-    """What the record's errors are taken from, rad. Raises InputError where it has none."""
-    require(
-        bool(heading_exists(record.latitude)),
-        "latitude",
-        round(float(np.rad2deg(record.latitude)), 6),
-        f"{record.name} was taken at a pole: Earth's rate has no horizontal part there and heading "
-        "does not exist, so there is nothing to evaluate",
-    )
-    heading = record.heading if against == "truth" else record.heading_reference
-    if heading is None:
-        raise InputError(
-            f"{record.name}'s heading", "(unknown)", "", "give log.heading_deg to have errors"
-        )
-    return heading
-
-
-def _ratio(ratio: Ratio | None) -> dict[str, float] | None:
-    return None if ratio is None else asdict(ratio)
-
-
-def _as_json(config: EvaluateConfig, result: Result, evaluation: Evaluation) -> dict:
-    return {
-        "subject": result.subject.name,
-        "against": result.subject.against,
-        "run": config.run,
-        "rows": [
-            {
-                "estimator": name,
-                "window_s": window,
-                **asdict(summary),
-                "over_floor": _ratio(result.over_floor.get((name, window))),
-                "by_heading": result.by_heading[name, window],
-            }
-            for (name, window), summary in result.rows.items()
-        ],
-        "time_to_reach": {
-            name: {f"{error:g} deg": asdict(said) for error, said in by_error.items()}
-            for name, by_error in result.reach.items()
-        },
-        "left_out": [
-            {"estimator": name, "window_s": window, "why": why}
-            for (name, window), why in evaluation.refused.items()
-        ],
-        "notes": result.notes,
-    }
+    return outcome_of(subject, evaluation, keys, notes, config.reach_deg), evaluation
 
 
 if __name__ == "__main__":

@@ -6,13 +6,19 @@ it, and however often, the bytes are the same. What a lost worker had begun is d
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, connection, get_context, parent_process
+from multiprocessing import (
+    active_children,
+    connection,
+    get_context,
+    parent_process,
+    set_start_method,
+)
 
 from lbgc.errors import InputError, require, require_choice
 
@@ -72,9 +78,11 @@ def _by_processes(
 ) -> Iterator[int]:
     left, losses = list(shards), 0
     while left:
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker)
-        try:
+        with _uninterrupted():
+            pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker)
+        with _uninterrupted():  # anew: Python has lifted the mask to start its resource tracker
             futures = {pool.submit(task, shard): shard for shard in left}
+        try:
             for future in as_completed(futures):
                 future.result()
                 left.remove(futures[future])
@@ -86,30 +94,48 @@ def _by_processes(
             require(losses < _LOSSES, "cluster.workers", workers, what)
         except BaseException:
             # Whatever else: nobody waits for the shards that were begun.
-            for child in active_children():
-                child.terminate()
-            raise
-        finally:
-            try:
-                pool.shutdown(wait=True, cancel_futures=True)
-            except KeyboardInterrupt:  # after the last shard: else the exit would wait for workers
+            with _uninterrupted():
                 for child in active_children():
                     child.terminate()
-                raise
+            raise
+        finally:
+            with _uninterrupted():
+                pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """An interruption comes when the block is over; processes started in it never get one.
+
+    Half-way through, the pool would lose a worker, or remove a semaphore and not say so: at the
+    end Python's resource tracker complains of each. The mask is what a started process inherits.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield  # interruptions reach the main thread alone, or nobody, or end the process
+        return
+    came: list[bool] = []
+    signal.signal(signal.SIGINT, lambda *_: came.append(True))
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _start_worker() -> None:
-    """An interruption is the parent's to handle; with a parent that is killed a worker ends too."""
+    """An interruption is the parent's to handle; with a parent that is killed a worker ends too.
+
+    A worker is told to end (SIGTERM) at any time, perhaps twice, and does so at once. So it must
+    own nothing that outlives it: a lock (the compressor's) has no name from its first moment on
+    where processes are forked, of which there are none, and a name to be removed otherwise.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)
+    set_start_method("fork", force=True)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _leave(*_: object) -> None:
-    """Told to end a worker gives up its task, but leaves as it should: its semaphores go with it.
-    Unless it is told within a callback of the interpreter's, which would print that and go on."""
-    sys.unraisablehook = lambda _: os._exit(1)
-    sys.exit(1)
 
 
 def _end_with_parent() -> None:

@@ -37,6 +37,9 @@ MAY_IMPORT = {
     "lbgc.answers": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
     "lbgc.learning": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics"},
+    "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
+    "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report"},
+    "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }
 ENTRY_POINTS = (

@@ -13,7 +13,7 @@ import pytest
 from helpers import default_config, generate, needs_recording
 from test_logs import columns, spoiled, write
 
-import lbgc.evaluate
+import lbgc.subjects
 from lbgc.bound import course_of, crlb
 from lbgc.data.logs import LogConfig
 from lbgc.errors import build
@@ -378,7 +378,7 @@ def test_what_a_real_log_drew_is_not_known(cli, tmp_path):
 def test_recordings_together_are_answered_as_each_alone(cli, tmp_path, turning, monkeypatch):
     options = (f"data={turning.path}", "estimators=[two_position,gls,floor]", "windows_s=[10,40]")
     together = results(cli("lbgc.evaluate", *options), tmp_path)
-    monkeypatch.setattr(lbgc.evaluate, "_BATCH_BYTES", 0.0)
+    monkeypatch.setattr(lbgc.subjects, "_BATCH_BYTES", 0.0)
     shutil.rmtree(tmp_path / "outputs")
     alone = results(cli("lbgc.evaluate", *options), tmp_path)
     assert [r["why"] for r in alone["left_out"]] == [r["why"] for r in together["left_out"]]

@@ -25,7 +25,7 @@ from lbgc.data.store import Dataset
 from lbgc.errors import InputError, run_main
 from lbgc.info import InfoConfig, as_override
 from lbgc.outputs import fingerprint
-from sim.cluster import ClusterConfig, finished
+from sim.cluster import ClusterConfig, _uninterrupted, finished
 
 LAYOUT = Layout(20, 4200, 50.0, {"gyro": 1e-6, "accel": 1e-5})
 """Two shards of several chunks each."""
@@ -199,8 +199,8 @@ SIZE = ("recordings=40", "rate_hz=25", "duration_s=200", "out=d.zarr")
 """Three shards."""
 
 
-def started(path: Path, *options: str) -> subprocess.Popen:
-    """Generation in a process of its own, its first shard finished."""
+def started(path: Path, *options: str, when: str = "manifest/stored/c/*/0") -> subprocess.Popen:
+    """Generation in a process group of its own, as far as that this file is there."""
     process = subprocess.Popen(
         [sys.executable, str(ROOT / "sim/generate.py"), *SIZE, *options],
         cwd=path,
@@ -209,8 +209,9 @@ def started(path: Path, *options: str) -> subprocess.Popen:
         env=os.environ | {"MUJOCO_GL": "disable"},
         # a shell's background job ignores interruptions, and so would what it starts
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        start_new_session=True,
     )
-    while not list((path / "d.zarr/manifest/stored/c").glob("*/0")):
+    while not list((path / "d.zarr").glob(when)):
         assert process.poll() is None
         time.sleep(0.01)
     return process
@@ -222,6 +223,16 @@ def digest(tmp_path_factory) -> str:
     return generate(tmp_path_factory.mktemp("whole") / "d.zarr", **changes).digest()
 
 
+def interrupted(process: subprocess.Popen) -> None:
+    """As a terminal does it, which tells all of the group; it says progress and one line."""
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    *progress, last = said.replace("\r", "\n").strip().splitlines()
+    assert last == "interrupted; run the same command again to go on", said
+    assert all(line.startswith("generating:") for line in progress if line.strip()), said
+
+
 @pytest.mark.parametrize("options", [(), ("cluster=local", "cluster.workers=2")])
 def test_interrupted_it_says_one_line_and_goes_on(options, cli, tmp_path, digest):
     process = started(tmp_path, *options)
@@ -230,17 +241,37 @@ def test_interrupted_it_says_one_line_and_goes_on(options, cli, tmp_path, digest
     assert second.code == 2
     assert "is being written by another process" in second.err
     process.send_signal(signal.SIGCONT)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 130
-    last = said.replace("\r", "\n").strip().splitlines()[-1]
-    assert last == "interrupted; run the same command again to go on"
-    assert "Traceback" not in said, said
+    interrupted(process)
     if not options:  # workers were not stopped, and may have finished meanwhile
         with pytest.raises(InputError, match="is not finished"):
             Dataset.open_finished(tmp_path / "d.zarr")
     assert cli("sim.generate", *SIZE).code == 0
     assert Dataset.open_finished(tmp_path / "d.zarr").digest() == digest
+
+
+@pytest.mark.parametrize("later_s", [0.0, 0.4])
+def test_interrupted_while_its_workers_start_it_says_one_line(later_s, tmp_path):
+    process = started(tmp_path, "cluster=local", "cluster.workers=2", when="zarr.json")
+    time.sleep(later_s)
+    interrupted(process)
+
+
+def test_what_must_not_be_interrupted_is_not():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job has none
+    done = []
+
+    def work() -> None:
+        with _uninterrupted():
+            signal.raise_signal(signal.SIGINT)
+            done.append(True)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            work()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert done
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 def test_an_interruption_inside_a_callback_is_not_lost(monkeypatch, capsys):

@@ -10,9 +10,12 @@ from helpers import composed, generate, needs_recording
 from test_logs import write
 
 import lbgc.fit
+from lbgc.data.static import Static
 from lbgc.errors import build
-from lbgc.fit import FitConfig, Static, sensor_yaml
-from lbgc.sensor import fitting, gaussian, likelihood
+from lbgc.fit import FitConfig
+from lbgc.report import fitted
+from lbgc.report.fitted_yaml import sensor_yaml
+from lbgc.sensor import axes, fitting, gaussian, likelihood, shapes
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.noise import (
     AngleQuantisation,
@@ -78,9 +81,7 @@ def test_coefficients_and_intervals_of_an_hour(rng):
     """40 axis-logs: N, B and K within the Fisher spread, intervals holding (binomial 4 sigma)."""
     true = {"N": 1.0, "B": 0.5, "K": 0.1}
     terms = (White(1.0), Flicker(0.5), RandomWalk(0.1))
-    fits = [
-        fitting.fit(ordinates(y, 0.01), likelihood.core()) for y in series(terms, rng, HOUR, 40)
-    ]
+    fits = [fitting.fit(ordinates(y, 0.01), shapes.core()) for y in series(terms, rng, HOUR, 40)]
     fisher = {"N": 0.0012, "B": 0.059, "K": 0.142}
     for name, value in true.items():
         errors = np.array([f.estimates[name].value / value - 1 for f in fits])
@@ -93,8 +94,7 @@ def test_coefficients_and_intervals_of_an_hour(rng):
 def test_what_is_not_there_is_an_upper_limit(rng):
     """White noise alone: B and K are limits, not numbers, in about 95% of logs."""
     fits = [
-        fitting.fit(ordinates(y, 0.01), likelihood.core())
-        for y in series((White(1.0),), rng, 900, 20)
+        fitting.fit(ordinates(y, 0.01), shapes.core()) for y in series((White(1.0),), rng, 900, 20)
     ]
     for name in ("B", "K"):
         assert np.mean([f.estimates[name].is_limit for f in fits]) >= 0.75
@@ -121,9 +121,7 @@ def test_a_lines_intervals_hold(rng):
     held = 0
     for y in series((White(1.0), Flicker(0.1), Line(2.0, 20.0, 1.5)), rng, 600, 12):
         guess = {"line_f0": 20.1, "line_width": 1.0}
-        e = fitting.fit(
-            ordinates(y, 0.01), [*likelihood.core(), likelihood.line(1)], guess
-        ).estimates
+        e = fitting.fit(ordinates(y, 0.01), [*shapes.core(), shapes.line(1)], guess).estimates
         held += sum(e[name].low < value < e[name].high for name, value in true.items())
     assert held >= 40
 
@@ -138,13 +136,45 @@ def test_several_lines_are_found_and_written_down(rng):
         assert abs(estimate.value - f0) < 4.5 * (estimate.high - estimate.low) / (2 * 1.96)
     plain = fitting.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
     static = Static("log", np.zeros((1, 100, 3)), np.zeros((1, 100, 3)), 0.01, 0.5, None, None)
-    axes = [fit, plain, plain]
-    text = sensor_yaml(FitConfig(data="x"), static, {"gyro": axes, "accel": axes})
+    three = {part: [fit, plain, plain] for part in ("gyro", "accel")}
+    assert fitted.report(static, three).count("narrow-band line") == 4
+    text = sensor_yaml("mine", (1.0, 3600.0), static, three)
     imu = build(ImuConfig, yaml.safe_load(text))
     for triad in (imu.gyro.triad(), imu.accel.triad()):
         lines = [t for t in triad.terms[0] if isinstance(t, Line)]
         assert sorted(t.f0 for t in lines) == pytest.approx([x.value for x in found], rel=1e-4)
         assert not any(isinstance(t, Line) for t in triad.terms[1])
+
+
+def test_a_parameters_name_loses_its_lines_number_alone():
+    assert fitted.unnumbered("line_f0_2") == fitted.unnumbered("line_f0") == "line_f0"
+    assert fitted.unnumbered("line_width_12") == "line_width"
+
+
+def test_fitted_axes_are_kept_whatever_fails_later(cli, tmp_path, monkeypatch):
+    generate(tmp_path / "d.zarr", recordings=1, rate_hz=50.0, duration_s=80.0, split=[0, 0, 1])
+
+    def fail(*_):
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(lbgc.fit, "report", fail)
+    with pytest.raises(OSError, match="disk is full"):
+        cli("lbgc.fit", "data=d.zarr")
+    kept = list((tmp_path / "outputs" / "fit").glob("*/axes/*.json"))
+    assert {p.stem for p in kept} == {
+        f"{part}_{axis}" for part in ("gyro", "accel") for axis in ("forward", "right", "down")
+    }
+    assert all(json.loads(p.read_text())["estimates"]["N"]["value"] > 0 for p in kept)
+
+
+def test_processes_change_no_number(rng):
+    """Two processes and none beside this one; each says what it tries."""
+    three = {("gyro", k): series((White(1.0 + k),), rng, 60) for k in range(3)}
+    said = []
+    alone = dict(axes.fitted(three, 1 / RATE, (1.0, 3600.0), 1, lambda *what: said.append(what)))
+    beside = dict(axes.fitted(three, 1 / RATE, (1.0, 3600.0), 2))
+    assert {name for name, _ in said} == set(three)
+    assert {n: f.estimates for n, f in alone.items()} == {n: f.estimates for n, f in beside.items()}
 
 
 def test_tones_are_found_and_kept_out_of_the_noise(rng):
@@ -153,7 +183,7 @@ def test_tones_are_found_and_kept_out_of_the_noise(rng):
     (tone,) = data.tones
     assert tone.f == pytest.approx(17.3, abs=1e-3)
     assert tone.amplitude == pytest.approx(0.5, rel=0.15)  # 1 sigma is 5%
-    assert fitting.fit(data, likelihood.core()).estimates["N"].value == pytest.approx(1.0, rel=0.01)
+    assert fitting.fit(data, shapes.core()).estimates["N"].value == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_strong_tone_is_no_line(rng):
@@ -244,6 +274,7 @@ def test_logs_that_are_not_static_are_refused(cli, tmp_path, rng, name, says):
         (("data=x", "name='a/b'"), "must be a plain word"),
         (("data=x", "flicker_long_s=0.5"), "above flicker_short_s"),
         (("data=x", "flicker_short_s=0"), "greater than zero"),
+        (("data=x", "processes=0"), "greater than zero"),
     ],
 )
 def test_bad_fit_input_is_named(cli, tmp_path, options, says):
@@ -262,4 +293,4 @@ def test_a_swaying_vehicle_is_not_static(cli):
 
 def test_the_defaults_are_the_yamls():
     assert composed(FitConfig, "fit", "data=x") == FitConfig(data="x")
-    assert lbgc.fit.KEYS["N"] == ("arw_deg_per_sqrt_h", "vrw_m_per_s_per_sqrt_h")
+    assert fitted.KEYS["N"] == ("arw_deg_per_sqrt_h", "vrw_m_per_s_per_sqrt_h")

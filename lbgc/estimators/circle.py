@@ -36,6 +36,7 @@ _MOST_WIDE = 256  # steps, above which one narrow peak is cheaper by itself
 _PEAK = np.linspace(-8.0, 8.0, 25)  # widths from the mode; such sums err by exp(-44)
 _FAR = 30.0  # of log p: what lies so far below the mode weighs nothing
 _NUMBERS = 2**18  # held at once
+_LEAST = 1e-20
 
 
 @dataclass(frozen=True)
@@ -55,21 +56,31 @@ class Posterior:
 
 def measured(z: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """h (V, 2) and J of the measurements z (V, 2) of q, whose errors have the covariance S, (2, 2)
-    or (V, 2, 2)."""
-    J = np.linalg.inv(S)
+    or (V, 2, 2); it is taken to be 1e-20 at least, for a measurement without any error."""
+    J = np.linalg.inv(S + _LEAST * np.eye(2))
     J = (J + np.swapaxes(J, -1, -2)) / 2
     return np.einsum("...ij,...j->...i", J, z), J
 
 
 def posterior(h: np.ndarray, J: np.ndarray, answer: np.ndarray | None = None) -> Posterior:
     """The posteriors' moments. h : (V, 2); J : (2, 2), or (V, 2, 2); answer : (V,), rad, that sigma
-    is about, or None for the circular mean."""
+    is about, or None for the circular mean. NaN where h or J is."""
     terms = _terms(h, J)
-    first, sigma = np.empty(len(h), complex), np.empty(len(h))
-    if not len(h):
+    first, sigma = np.full(len(h), np.nan + 0j), np.full(len(h), np.nan)
+    known = np.isfinite(terms).all(axis=1)
+    if not known.all():
+        about = None if answer is None else answer[known]
+        own = _posterior(terms[known], about)
+        first[known], sigma[known] = own.first, own.sigma
         return Posterior(first, sigma)
+    return _posterior(terms, answer)
+
+
+def _posterior(terms: np.ndarray, answer: np.ndarray | None) -> Posterior:
+    """Narrow peaks apart from what is spread over the circle, and these by their widths."""
+    first, sigma = np.empty(len(terms), complex), np.empty(len(terms))
     steps = _steps(terms)
-    at = np.zeros(len(h))
+    at = np.zeros(len(terms))
     narrow = steps > _MOST_WIDE
     if narrow.any():
         rows = np.flatnonzero(narrow)
@@ -85,6 +96,13 @@ def posterior(h: np.ndarray, J: np.ndarray, answer: np.ndarray | None = None) ->
             about = None if answer is None else answer[rows]
             first[rows], sigma[rows] = _of_series(terms[rows], int(count), about)
     return Posterior(first, np.minimum(sigma, CHANCE))
+
+
+def bent(sigma: np.ndarray) -> np.ndarray:
+    """The standard deviation on the circle, (V,), rad, of an angle that one measures with this one,
+    (V,), when errors are small: it grows to 103.92 degrees and no further."""
+    J = np.eye(2) / np.maximum(sigma, np.sqrt(_LEAST))[:, None, None] ** 2
+    return np.where(sigma > 0, posterior(J[:, 0], J).sigma, sigma)
 
 
 def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:

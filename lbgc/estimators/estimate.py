@@ -20,6 +20,9 @@ class Estimate:
     sigma: np.ndarray
     """(W,), rad, the heading's standard deviation as the estimator itself states it; NaN where it
     cannot say"""
+    at_least: bool = False
+    """Whether sigma is a lower bound: it knows what a window's own scatter shows, and no more of
+    the sensor. A bias shows in no window."""
 
 
 Estimator: TypeAlias = Callable[[Windows, ImuModel | None], Estimate]

@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravities, normal_gravity
-from lbgc.estimators import carried, drift
+from lbgc.estimators import carried, circle, drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.linear import check
 from lbgc.estimators.longrun import BLOCKS, variance
@@ -43,11 +43,13 @@ _ANY_BIAS = 1e-2
 _LEAST_BIAS = 1e-12
 _LEAST_VELOCITY = 1e-9
 """rad/s and m/s: far below all others, so that nothing is divided by zero."""
+_LEAST_TURN = np.deg2rad(20.0)
+_ONE_FOR_THE_OTHER = (
+    "is not known, and the plate does not turn enough to tell a gyro's bias from north"
+)
 _RANK = 1e-9
 _NO_ANSWER = 1.0
 """rad"""
-_UNIFORM = np.pi / np.sqrt(3)
-"""rad, RMS of an angle of which nothing is known"""
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,8 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """
     name = "oba_bias"
     _check(name, windows)
+    if imu is None:
+        _check_turns(name, windows)
     bias = np.zeros((len(windows), 3))
     turning, size = _bias_sizes(windows, imu)
     series = integrate(windows)
@@ -128,11 +132,17 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
         c_ib = c_ib0[:, None] @ series.turned
         unknown = unknown + carried.variance(windows, imu, c_ib, g)
     elif unknown.max(initial=0.0) > _NO_ANSWER**2:
-        about = "is not known, and the plate does not turn enough to tell a gyro's bias from north"
-        raise refusal(name, "imu", "", about)
+        raise refusal(name, "imu", "", _ONE_FOR_THE_OTHER)
     series = integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
-    sigma = np.minimum(np.sqrt(unknown), _UNIFORM)
-    return Estimate(_mean_heading(c_ib0, series, windows), sigma)
+    sigma = circle.bent(np.sqrt(unknown))
+    return Estimate(_mean_heading(c_ib0, series, windows), sigma, imu is None)
+
+
+def _check_turns(name: str, windows: Windows) -> None:
+    """Raise InputError where the encoder shows no turn that could tell a bias from north. The
+    gyros cannot show it: to them a bias is a turn."""
+    if np.ptp(windows.plate_angle, axis=1).min(initial=np.inf) < _LEAST_TURN:
+        raise refusal(name, "imu", "", _ONE_FOR_THE_OTHER)
 
 
 def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.ndarray]:
@@ -246,7 +256,8 @@ def _align(name: str, windows: Windows, imu: ImuModel | None, form: _Form) -> Es
     series = integrate(windows)
     c_ib0 = _davenport(form.of(series.alpha), form.of(series.beta))
     heading = _mean_heading(c_ib0, series, windows)
-    return Estimate(heading, _sigma(c_ib0, series, form, windows, imu))
+    sigma = circle.bent(_sigma(c_ib0, series, form, windows, imu))
+    return Estimate(heading, sigma, imu is None)
 
 
 def integrate(windows: Windows) -> Series:

@@ -279,7 +279,8 @@ def likeliest(told: Information, data: np.ndarray) -> Estimate:
 def bayes(h: np.ndarray, J: np.ndarray) -> Estimate:
     """The Bayes-optimal estimate: with a flat prior on the circle the posterior's circular mean,
     which minimises the mean of 1 - cos(error); and the posterior's RMS error about it."""
-    return Estimate(*_in_chunks(_bayes, h, J))
+    heading, sigma = _in_chunks(_bayes, h, J)
+    return Estimate(heading, sigma)
 
 
 def _bayes(h: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, ...]:

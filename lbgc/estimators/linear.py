@@ -11,9 +11,10 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import heading_exists
+from lbgc.estimators import circle
 from lbgc.estimators.course import Course, Levelled, Site, levelled
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.information import across, covariance, information, likeliest, turn
+from lbgc.estimators.information import covariance, information, likeliest, turn
 from lbgc.frames import wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -29,6 +30,7 @@ def answer(
     """What `each` makes of the windows, course by course, in the windows' order."""
     check(name, windows)
     heading, sigma = np.empty(len(windows)), np.empty(len(windows))
+    at_least = False
     for part in levelled(windows, None if imu is None else imu.dt):
         if not part.course.blocks:
             raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
@@ -37,7 +39,8 @@ def answer(
             raise refusal(name, f"{np.rad2deg(part.tilt.max()):.3g}", "deg", about)
         found = each(part)
         heading[part.rows], sigma[part.rows] = found.heading, found.sigma
-    return Estimate(heading, sigma)
+        at_least |= found.at_least
+    return Estimate(heading, sigma, at_least)
 
 
 def check(name: str, windows: Windows) -> None:
@@ -81,20 +84,24 @@ def plain_weights(course: Course, site: Site, bias: bool) -> np.ndarray:
     return weights
 
 
-def plain(part: Levelled, bias: bool, imu: ImuModel | None) -> Estimate:
-    """The heading by `plain_weights`, and its sigma: of this linear form under the sensor's
-    covariance where that is known; else of white noise as large as what the fit leaves."""
+def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 0.0) -> Estimate:
+    """The heading by `plain_weights`, and its sigma on the circle: of this linear form of a rate
+    whose size is known, under the sensor's covariance where that is known; else under white noise
+    as large as what the fit leaves, at least.
+
+    bias_sigma : rad/s, 1 sigma of each gyro's bias where nothing else is said of the sensor.
+    """
     weights = plain_weights(part.course, part.site, bias)
     z = np.einsum("ian,van->vi", weights, part.data)
     heading = np.arctan2(z[:, 1], z[:, 0])
-    n = across(heading)
     if imu is not None:
         spread = _spread(imu, part.course, part.site, bias)
-        variance = np.einsum("vi,ij,vj->v", n, spread, n)
     else:
-        variance = _white_variance(part, bias, weights, z)
-    size = np.linalg.norm(z, axis=1)
-    return Estimate(wrap(heading), np.sqrt(variance) / size)
+        spread = _white(part, bias, weights, z)[:, None, None] * _of_each(weights)
+        if not bias:
+            spread = spread + (bias_sigma / part.site.north) ** 2 * np.eye(2)
+    sigma = circle.posterior(*circle.measured(z, spread), heading).sigma
+    return Estimate(wrap(heading), sigma, imu is None and bias_sigma == 0.0)
 
 
 @lru_cache(maxsize=4096)  # of a log's windows each has a course of its own
@@ -104,17 +111,22 @@ def _spread(imu: ImuModel, course: Course, site: Site, bias: bool) -> np.ndarray
     return np.einsum("iam,jam->ij", np.einsum("ian,anm->iam", weights, C), weights)
 
 
-def _white_variance(part: Levelled, bias: bool, weights: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Variance across the heading of z, (V,), if every block's rate had an independent error."""
+def _white(part: Levelled, bias: bool, weights: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Variance of a block's rate, (V,), (rad/s)^2, by what the fit leaves, if every block has an
+    independent error; NaN where it leaves nothing to tell by."""
     n = part.data.shape[2]
     rates = turn(part.course, part.site)[:2, :, :2]
     left = part.data[:, :2] - np.einsum("ani,vi->van", rates, z)
     if bias:
         left = left - left.mean(axis=2, keepdims=True)
     free = 2 * n - 2 - 2 * bias
-    white = np.sum(left**2, axis=(1, 2)) / free if free > 0 else np.full(len(z), np.nan)
-    fitted = np.einsum("vi,ian->van", across(np.arctan2(z[:, 1], z[:, 0])), weights[:, :2])
-    return np.asarray(white * np.sum(fitted**2, axis=(1, 2)))
+    return np.sum(left**2, axis=(1, 2)) / free if free > 0 else np.full(len(z), np.nan)
+
+
+def _of_each(weights: np.ndarray) -> np.ndarray:
+    """Covariance of what the weights make of rates whose errors are independent, each of variance
+    one: (2, 2)."""
+    return np.einsum("ian,jan->ij", weights[:, :2], weights[:, :2])
 
 
 def weighted(part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:

@@ -16,25 +16,30 @@ from lbgc.sensor.imu import ImuModel
 _MOVED = np.deg2rad(0.01)
 
 
-def mean(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+def mean(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 0.0) -> Estimate:
     """The paper's baseline: levelling, then gyrocompassing, on the window's mean; at any tilt.
 
     Its sigma is for a base that is nearly level: by the sensor's model where that is known, else by
-    the window's own scatter, which shows white noise and no bias.
+    the window's own scatter, which shows white noise and no bias, and what is said of the bias.
+    It does not take the measured horizontal rate for Earth's, whose size is known: where noise is
+    as large, the heading may be anywhere (lbgc.estimators.circle).
+
+    bias_sigma : rad/s, 1 sigma of each gyro's bias where the sensor is not known.
 
     Raises InputError where the plate turns within a window: the mean rate is then not Earth's.
     """
     _at_rest("mean", windows)
     heading = gyrocompass(windows.gyro.mean(axis=1), *level(windows.accel.mean(axis=1)))
     heading = wrap(heading - windows.plate_angle.mean(axis=1))
-    return Estimate(heading, _sigma(windows, imu))
+    return _with_sigma(heading, windows, imu, bias_sigma)
 
 
-def triad(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+def triad(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 0.0) -> Estimate:
     """Dual-vector coarse alignment (Black 1964's TRIAD): the attitude that takes the measured
     force to gravity exactly, and the measured rate into the meridian's plane.
 
     Its heading is the mean's, algebraically; it comes by the attitude matrix, so by the latitude.
+    bias_sigma : as for the mean.
     """
     check("triad", windows)
     _at_rest("triad", windows)
@@ -43,7 +48,7 @@ def triad(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     up = np.broadcast_to([0.0, 0.0, -1.0], force.shape)
     c_nb = _triad(up, earth_rate_ned(windows.latitude)) @ np.swapaxes(body, -1, -2)
     heading = wrap(matrix_to_euler(c_nb)[2] - windows.plate_angle.mean(axis=1))
-    return Estimate(heading, _sigma(windows, imu))
+    return _with_sigma(heading, windows, imu, bias_sigma)
 
 
 def gls(windows: Windows, imu: ImuModel | None = None) -> Estimate:
@@ -73,10 +78,16 @@ def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
-def _sigma(windows: Windows, imu: ImuModel | None) -> np.ndarray:
-    """(W,), rad, of the plain mean: every block counts, however an encoder at rest may flicker."""
+def _with_sigma(
+    heading: np.ndarray, windows: Windows, imu: ImuModel | None, bias_sigma: float
+) -> Estimate:
+    """The headings (W,) and the plain mean's sigma: every block counts, however an encoder at rest
+    may flicker."""
     sigma = np.empty(len(windows))
     still = np.broadcast_to(windows.plate_angle[:, :1], windows.plate_angle.shape)
+    at_least = False
     for part in levelled(replace(windows, plate_angle=still)):
-        sigma[part.rows] = plain(part, False, imu).sigma
-    return sigma
+        found = plain(part, False, imu, bias_sigma)
+        sigma[part.rows] = found.sigma
+        at_least |= found.at_least
+    return Estimate(heading, sigma, at_least)

@@ -1,12 +1,15 @@
 """An IMU in datasheet units: what `conf/imu/*.yaml` holds, and its one conversion to SI."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from lbgc import units
 from lbgc.errors import Axes, require, require_not_negative
-from lbgc.sensor.imu import Disturbance, ImuModel, Timing, Triad, Triple
+from lbgc.sensor import kalibr
+from lbgc.sensor.conversion import to_si
+from lbgc.sensor.imu import Disturbance, ImuModel, Timing, Triad
 
 
 @dataclass(frozen=True)
@@ -62,11 +65,16 @@ class GyroConfig:
     """A gyro triad in datasheet units. A figure is one number or three: forward, right, down."""
 
     arw_deg_per_sqrt_h: Axes | None = None
-    """Angle random walk N; null: see the next."""
+    """Angle random walk N, the root of the two-sided density, as calibration files (Kalibr) print
+    it; null: see the next."""
     noise_deg_per_s_per_sqrt_hz: Axes | None = None
-    """Or as a one-sided rate noise density: N is this over sqrt(2). Null in both: none."""
-    bias_instability_deg_per_h: Axes = 0.0
-    """B; the Allan floor is 0.664 of it."""
+    """Or as a one-sided rate noise density, as datasheets print it: N is this over sqrt(2). Null in
+    both: none."""
+    bias_instability_deg_per_h: Axes | None = None
+    """B of IEEE Std 952; flicker's Allan floor is 0.664 of it. Null: see the next."""
+    allan_minimum_deg_per_h: Axes | None = None
+    """Or the lowest point of the Allan deviation, which most datasheets print under that name: B is
+    what makes it so beside N and K. Null in both: none."""
     rrw_deg_per_h_per_sqrt_h: Axes = 0.0
     """Rate random walk K."""
     quantisation_arcsec: Axes = 0.0
@@ -119,15 +127,16 @@ class GyroConfig:
         _validate(self)
 
     def triad(self) -> Triad:
-        return _triad(
+        return to_si(
             self,
-            ("arw_deg_per_sqrt_h", "noise_deg_per_s_per_sqrt_hz"),
+            N=("arw_deg_per_sqrt_h", "noise_deg_per_s_per_sqrt_hz"),
+            B="bias_instability_deg_per_h",
+            minimum=("allan_minimum_deg_per_h",),
+            K="rrw_deg_per_h_per_sqrt_h",
             Q="quantisation_arcsec",
             R="ramp_deg_per_h_per_h",
             gauss_markov="gauss_markov_deg_per_h",
             g_sensitivity="g_sensitivity_deg_per_h_per_g",
-            B="bias_instability_deg_per_h",
-            K="rrw_deg_per_h_per_sqrt_h",
             bias_unit="bias_unit_deg_per_h",
             bias_session="bias_session_deg_per_h",
             bias_run="bias_run_deg_per_h",
@@ -146,9 +155,15 @@ class AccelConfig:
     noise_ug_per_sqrt_hz: Axes | None = None
     """Noise density as datasheets print it, one-sided: N is this over sqrt(2)."""
     vrw_m_per_s_per_sqrt_h: Axes | None = None
-    """Or as velocity random walk N. Null in both: no white noise."""
-    bias_instability_ug: Axes = 0.0
-    """B; the Allan floor is 0.664 of it."""
+    """Or as velocity random walk N, the root of the two-sided density, as calibration files
+    (Kalibr) print it. Null in both: no white noise."""
+    bias_instability_ug: Axes | None = None
+    """B of IEEE Std 952; flicker's Allan floor is 0.664 of it. Null: see the next two."""
+    allan_minimum_ug: Axes | None = None
+    """Or the lowest point of the Allan deviation, which most datasheets print under that name: B is
+    what makes it so beside N and K."""
+    allan_minimum_mg: Axes | None = None
+    """The same in mg. Null in all three: none."""
     random_walk_ug_per_sqrt_h: Axes = 0.0
     """Acceleration random walk K."""
     quantisation_ug_s: Axes = 0.0
@@ -199,14 +214,15 @@ class AccelConfig:
         _validate(self)
 
     def triad(self) -> Triad:
-        return _triad(
+        return to_si(
             self,
-            ("noise_ug_per_sqrt_hz", "vrw_m_per_s_per_sqrt_h"),
+            N=("noise_ug_per_sqrt_hz", "vrw_m_per_s_per_sqrt_h"),
+            B="bias_instability_ug",
+            minimum=("allan_minimum_ug", "allan_minimum_mg"),
+            K="random_walk_ug_per_sqrt_h",
             Q="quantisation_ug_s",
             R="ramp_ug_per_h",
             gauss_markov="gauss_markov_ug",
-            B="bias_instability_ug",
-            K="random_walk_ug_per_sqrt_h",
             bias_unit="bias_unit_mg",
             bias_session="bias_session_mg",
             bias_run="bias_run_mg",
@@ -253,7 +269,7 @@ class TimingConfig:
 
 @dataclass(frozen=True)
 class ImuConfig:
-    """An IMU: what `conf/imu/*.yaml` holds."""
+    """An IMU: what `conf/imu/*.yaml` holds; or an IMU file of Kalibr's (`lbgc.sensor.kalibr`)."""
 
     name: str = "custom"
     """How reports call it."""
@@ -263,6 +279,11 @@ class ImuConfig:
     temperature: TemperatureConfig = field(default_factory=TemperatureConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
     accel: AccelConfig = field(default_factory=AccelConfig)
+
+    @staticmethod
+    def adopted(given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What was given, in this configuration's own keys."""
+        return kalibr.adopted(given)
 
     def model(self, rate_hz: float) -> ImuModel:
         """In SI units, of a sensor that samples at this rate (Hz)."""
@@ -295,78 +316,4 @@ def _validate(config: GyroConfig | AccelConfig) -> None:
     names = [n for n in vars(config) if "lsb" in n]
     require(
         not both, names[1], counts[1], f"and {names[0]} are two outputs; give one, null the other"
-    )
-
-
-def _line(line: GyroLine | AccelLine) -> tuple[Triple, Triple, Triple]:
-    """Rms, centre and width of each axis, SI."""
-    size, centre, width = (_axes(line, key) for key in vars(line))
-    return size, centre, width
-
-
-def _plain(config: GyroConfig | AccelConfig, key: str) -> Triple:
-    """A figure without a unit."""
-    x, y, z = np.broadcast_to(getattr(config, key), 3).tolist()
-    return (x, y, z)
-
-
-def _axes(config: object, key: str) -> Triple:
-    value = getattr(config, key)
-    x, y, z = value if isinstance(value, list) else [value] * 3
-    scale = units.factor(key)
-    return (scale * x, scale * y, scale * z)
-
-
-def _white(config: GyroConfig | AccelConfig, keys: tuple[str, str]) -> Triple:
-    """N from whichever of the two keys is given; both must agree within 15%."""
-    given = {key: _axes(config, key) for key in keys if getattr(config, key) is not None}
-    if not given:
-        return (0.0, 0.0, 0.0)
-    first, *rest = given.values()
-    for other in rest:
-        agree = np.allclose(first, other, rtol=0.15, atol=0.0)
-        in_its_unit = np.divide(first, units.factor(keys[1])).round(9).tolist()
-        require(
-            bool(agree),
-            keys[1],
-            getattr(config, keys[1]),
-            f"disagrees by over 15% with {keys[0]} = {getattr(config, keys[0])}, which is "
-            f"{in_its_unit} in this unit; give one of them",
-        )
-    return first
-
-
-def _triad(
-    config: GyroConfig | AccelConfig,
-    white: tuple[str, str],
-    *,
-    lsb: str,
-    carried_lsb: str,
-    range: str,
-    g_sensitivity: str | None = None,
-    **keys: str,
-) -> Triad:
-    """The triad in SI; the arguments say which configured key plays which part."""
-
-    def optional(key: str) -> float | None:
-        value = getattr(config, key)
-        return None if value is None else units.factor(key) * value
-
-    return Triad(
-        N=_white(config, white),
-        flicker_corners=(config.flicker_short_s, config.flicker_long_s),
-        gauss_markov_time=_axes(config, "gauss_markov_s"),
-        lines=tuple(_line(line) for line in config.lines),
-        bandwidth_hz=None if config.bandwidth_hz is None else _axes(config, "bandwidth_hz"),
-        damping=_plain(config, "filter_damping"),
-        scale_unit=_axes(config, "scale_unit_ppm"),
-        misalignment_unit=_axes(config, "misalignment_unit_mrad"),
-        g_sensitivity=_axes(config, g_sensitivity) if g_sensitivity else (0.0, 0.0, 0.0),
-        tone_hz=_axes(config, "tone_hz"),
-        scale_per_k=_axes(config, "scale_per_k_ppm_per_k"),
-        lsb=optional(lsb),
-        carried_lsb=optional(carried_lsb),
-        range=optional(range),
-        keys={"lsb": lsb, "carried_lsb": carried_lsb, "range": range},
-        **{part: _axes(config, key) for part, key in keys.items()},
     )

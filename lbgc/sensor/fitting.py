@@ -10,17 +10,16 @@ import scipy.optimize
 import scipy.stats
 
 from lbgc.sensor import gaussian
-from lbgc.sensor.likelihood import (
+from lbgc.sensor.likelihood import Likelihood, low_variance
+from lbgc.sensor.ordinates import Ordinates, Tone
+from lbgc.sensor.shapes import (
     FILTERED_WHITE,
     GAUSS_MARKOV,
     QUANTISATION,
-    Likelihood,
     Shape,
     core,
     line,
-    low_variance,
 )
-from lbgc.sensor.ordinates import Ordinates, Tone
 
 TWO_SIDED, ONE_SIDED = 3.841, 2.706  # 95% points of the likelihood ratio
 _MOST_PARTS = 10
@@ -74,17 +73,26 @@ def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = N
     return Fit(shapes, estimates, likelihood.bic(best), _ramp(likelihood, p), data.tones)
 
 
-def choose(data: Ordinates, corners: tuple[float, float] = (1.0, 3600.0)) -> Fit:
+def choose(
+    data: Ordinates,
+    corners: tuple[float, float] = (1.0, 3600.0),
+    say: Callable[[str], None] = lambda what: None,
+) -> Fit:
     """Fit the core and whatever else the Bayesian information criterion prefers, one by one:
-    angle quantisation, an output filter, narrow-band lines, a Gauss-Markov process."""
+    angle quantisation, an output filter, narrow-band lines, a Gauss-Markov process.
+
+    say : told what is being tried.
+    """
     best = _bic(data, core(corners), {})
     for _ in range(_MOST_PARTS):
+        say(f"{len(best.shapes)} terms and one more")
         trials = [_bic(data, *option) for option in _extensions(data, best)]
         trials = [t for t in trials if _is_sensible(t.start, data)]
         better = min(trials, key=lambda trial: trial.bic, default=best)
         if better.bic > best.bic - _WORTH:
             break
         best = better
+    say(f"intervals of {len(best.start)} parameters")
     return fit(data, best.shapes, best.start)
 
 

@@ -5,8 +5,7 @@ exact at low frequencies, the PSD of the samples above. What taking the coeffici
 gives away against the exact likelihood is below 3% of a standard error (`make study-noise`).
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -24,6 +23,7 @@ from lbgc.sensor.noise import (
     White,
 )
 from lbgc.sensor.ordinates import Ordinates
+from lbgc.sensor.shapes import Shape
 
 _ALIASES = 6
 _ENOUGH = 1e-5  # of the likelihood's logarithm, whose steps by 2 are what an interval is made of
@@ -73,38 +73,6 @@ def high_variance(
         inside = term.power_below(f + width / 2) - term.power_below(f - width / 2)
         density[:, aliases] = np.maximum(inside, 0) / width
     return np.sum(density * np.sinc(folded * dt) ** 2, axis=1)
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A term whose first parameter is its coefficient and whose others are its shape."""
-
-    names: tuple[str, ...]
-    build: Callable[..., GaussianTerm]
-
-    def unit_term(self, shape: Sequence[float]) -> GaussianTerm:
-        return self.build(1.0, *shape)
-
-
-def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
-    """White noise, bias instability and rate random walk: always fitted."""
-    return [
-        Shape(("N",), White),
-        Shape(("B",), lambda b: Flicker(b, *corners)),
-        Shape(("K",), RandomWalk),
-    ]
-
-
-QUANTISATION = Shape(("Q",), AngleQuantisation)
-GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
-FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
-
-
-def line(k: int) -> Shape:
-    """The k-th line of a model, from 1 on; the first goes without a number."""
-    number = "" if k == 1 else f"_{k}"
-    names = ("line_sigma", "line_f0", "line_width")
-    return Shape(tuple(name + number for name in names), Line)
 
 
 def _range(name: str, data: Ordinates) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from lbgc.data import logs
 from lbgc.fit import FitConfig
 from lbgc.sensor import fitting, gaussian
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
-from lbgc.sensor.likelihood import Likelihood, core
+from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.noise import (
     AngleQuantisation,
     BandLimited,
@@ -39,6 +39,7 @@ from lbgc.sensor.noise import (
     White,
 )
 from lbgc.sensor.ordinates import ordinates
+from lbgc.sensor.shapes import core
 
 CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
 FLOOR = np.sqrt(2 * np.log(2) / np.pi)

@@ -1,0 +1,98 @@
+"""What an evaluation amounts to: its rows, how they compare, and the document that holds them."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from lbgc.answers import Answers, Evaluation
+from lbgc.metrics import Ratio, Reach, rmse_interval, rmse_ratio, times_to_reach
+from lbgc.report.page import Result, Subject
+
+
+def outcome_of(
+    subject: Subject,
+    evaluation: Evaluation,
+    keys: Sequence[tuple[str, float]],
+    notes: Sequence[str],
+    reach_deg: Sequence[float],
+) -> Result:
+    """keys : the answered estimators and window lengths, in their order."""
+    rows = {key: evaluation.answers[key].summary() for key in keys}
+    absolute = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
+    by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
+    over = _over_floor(evaluation, keys)
+    reach = _reach(evaluation, keys, reach_deg)
+    return Result(subject, rows, absolute, list(notes), reach, over, by_heading)
+
+
+def _over_floor(
+    evaluation: Evaluation, keys: Sequence[tuple[str, float]]
+) -> dict[tuple[str, float], Ratio]:
+    found = {}
+    for name, window in keys:
+        least = evaluation.answers.get(("floor", window))
+        if least is not None and name != "floor":
+            own = evaluation.answers[name, window]
+            errors = own.all_of("errors"), least.all_of("errors")
+            found[name, window] = rmse_ratio(*errors, own.all_of("recording"))
+    return found
+
+
+def _reach(
+    evaluation: Evaluation, keys: Sequence[tuple[str, float]], reach_deg: Sequence[float]
+) -> dict[str, dict[float, Reach]]:
+    """Estimator -> error in degrees -> the window length that it takes."""
+    found = {}
+    for name in dict.fromkeys(name for name, _ in keys):
+        own = {w: evaluation.answers[n, w] for n, w in keys if n == name}
+        errors = {w: (a.all_of("errors"), a.all_of("recording")) for w, a in own.items()}
+        found[name] = times_to_reach(errors, reach_deg)
+    return found
+
+
+def _per_heading(answers: Answers) -> list[dict]:
+    """RMSE by true heading, in sectors of 30 degrees about their middles, and its 95% interval."""
+    sector = np.round(np.rad2deg(answers.all_of("heading")) / 30).astype(int) % 12
+    errors, recording = np.rad2deg(answers.all_of("errors")), answers.all_of("recording")
+    return [
+        {
+            "heading_deg": 30.0 * s,
+            "windows": int(np.sum(sector == s)),
+            "rmse_deg": float(np.sqrt(np.mean(errors[sector == s] ** 2))),
+            "interval": rmse_interval(errors[sector == s], recording[sector == s]),
+        }
+        for s in np.unique(sector)
+    ]
+
+
+def _ratio(ratio: Ratio | None) -> dict[str, float] | None:
+    return None if ratio is None else asdict(ratio)
+
+
+def document_of(run: str | None, result: Result, evaluation: Evaluation) -> dict:
+    """What `results.json` holds."""
+    return {
+        "subject": result.subject.name,
+        "against": result.subject.against,
+        "run": run,
+        "rows": [
+            {
+                "estimator": name,
+                "window_s": window,
+                **asdict(summary),
+                "over_floor": _ratio(result.over_floor.get((name, window))),
+                "by_heading": result.by_heading[name, window],
+            }
+            for (name, window), summary in result.rows.items()
+        ],
+        "time_to_reach": {
+            name: {f"{error:g} deg": asdict(said) for error, said in by_error.items()}
+            for name, by_error in result.reach.items()
+        },
+        "left_out": [
+            {"estimator": name, "window_s": window, "why": why}
+            for (name, window), why in evaluation.refused.items()
+        ],
+        "notes": result.notes,
+    }

@@ -1,0 +1,97 @@
+"""What was fitted, in the user's words: the names and units of parameters, the console's table
+and the result's JSON."""
+
+import re
+from dataclasses import asdict
+
+from lbgc.data.static import AXES, Static
+from lbgc.sensor.fitting import Estimate, Fit
+from lbgc.units import factor, unit_of
+
+# parameter -> the key of `conf/imu/`, for a gyro and for an accelerometer
+KEYS = {
+    "N": ("arw_deg_per_sqrt_h", "vrw_m_per_s_per_sqrt_h"),
+    "B": ("bias_instability_deg_per_h", "bias_instability_ug"),
+    "K": ("rrw_deg_per_h_per_sqrt_h", "random_walk_ug_per_sqrt_h"),
+    "Q": ("quantisation_arcsec", "quantisation_ug_s"),
+    "ramp": ("ramp_deg_per_h_per_h", "ramp_ug_per_h"),
+    "GM_sigma": ("gauss_markov_deg_per_h", "gauss_markov_ug"),
+    "GM_T": ("gauss_markov_s", "gauss_markov_s"),
+    "line_sigma": ("deg_per_h", "ug"),
+    "line_f0": ("hz", "hz"),
+    "line_width": ("width_hz", "width_hz"),
+    "bandwidth": ("bandwidth_hz", "bandwidth_hz"),
+    "damping": ("filter_damping", "filter_damping"),
+    "tone": ("tone_deg_per_h", "tone_ug"),
+    "tone_f": ("tone_hz", "tone_hz"),
+}
+WORDS = {
+    "N": "angle (velocity) random walk",
+    "B": "bias instability",
+    "K": "rate random walk",
+    "Q": "quantisation",
+    "ramp": "linear drift",
+    "GM_sigma": "Gauss-Markov process",
+    "GM_T": "its correlation time",
+    "line_sigma": "narrow-band line, rms",
+    "line_f0": "its frequency",
+    "line_width": "its width",
+    "bandwidth": "output filter",
+    "damping": "its damping",
+}
+
+
+def every_estimate(fit: Fit) -> dict[str, Estimate]:
+    return {**fit.estimates, "ramp": fit.ramp}
+
+
+def unnumbered(name: str) -> str:
+    """A parameter's name without the number that tells a model's lines apart: of line_f0_2,
+    line_f0."""
+    return name if name in KEYS else re.sub(r"_[0-9]+$", "", name)
+
+
+def scale_of(key: str) -> float:
+    """SI per unit of the key; a key without a unit is a plain number."""
+    return factor(key) if unit_of(key) else 1.0
+
+
+def report(static: Static, fits: dict[str, list[Fit]]) -> str:
+    """What was found, as a person reads it."""
+    n = static.gyro.shape[1] * static.dt
+    lines = [f"{static.name}: {len(static.gyro)} recording(s) of {n:g} s at {1 / static.dt:g} Hz"]
+    for which, part in enumerate(("gyro", "accel")):
+        for axis, fit in zip(AXES, fits[part], strict=True):
+            lines.append(f"{part} {axis}")
+            for name, e in every_estimate(fit).items():
+                plain = unnumbered(name)
+                lines.append(f"  {WORDS[plain]:30s} {spelled(e, KEYS[plain][which])}")
+            for tone in fit.tones:
+                size = tone.amplitude / factor(KEYS["tone"][which])
+                unit = unit_of(KEYS["tone"][which])
+                lines.append(f"  {'tone':30s} {size:.3g} {unit} at {tone.f:.4g} Hz")
+    return "\n".join(lines)
+
+
+def spelled(e: Estimate, key: str) -> str:
+    scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
+    if e.is_limit:
+        return (
+            f"below {e.upper / scale:.3g}{unit} (95%); this log cannot tell it from zero, a longer "
+            "one may"
+        )
+    return f"{e.value / scale:.4g}{unit}, 95% {e.low / scale:.4g} to {e.high / scale:.4g}"
+
+
+def as_json(fits: dict[str, list[Fit]]) -> dict:
+    """Every axis's."""
+    return {part: [of_axis(fit) for fit in axes] for part, axes in fits.items()}
+
+
+def of_axis(fit: Fit) -> dict:
+    """Every estimate in SI, and the tones."""
+    return {
+        "estimates": {n: asdict(e) for n, e in every_estimate(fit).items()},
+        "tones": [asdict(t) for t in fit.tones],
+        "bic": fit.bic,
+    }

@@ -1,0 +1,110 @@
+"""The fitted sensor as `conf/imu/` holds sensors."""
+
+import numpy as np
+
+from lbgc.data.static import Static
+from lbgc.report.fitted import KEYS, every_estimate, scale_of
+from lbgc.sensor.calibration import Calibration
+from lbgc.sensor.fitting import Estimate, Fit
+from lbgc.units import factor
+
+
+def sensor_yaml(
+    name: str,
+    corners: tuple[float, float],
+    static: Static,
+    fits: dict[str, list[Fit]],
+    calibration: Calibration | None = None,
+) -> str:
+    """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero."""
+    seconds = static.gyro.shape[1] * static.dt
+    lines = [
+        f"# Fitted by lbgc to {static.name}: {len(static.gyro)} x {seconds:g} s at "
+        f"{1 / static.dt:g} Hz.",
+        "# Each line: forward, right, down; 95% intervals behind. What the log cannot tell from",
+        "# zero is zero, with its 95% upper limit behind. Biases need recordings with known",
+        "# headings.",
+        f"name: {name}",
+    ]
+    for which, part in enumerate(("gyro", "accel")):
+        lines.append(f"{part}:")
+        lines += [
+            f"  flicker_short_s: {corners[0]:g}",
+            f"  flicker_long_s: {corners[1]:g}",
+        ]
+        for parameter in KEYS:
+            if not parameter.startswith("line_"):
+                lines += _yaml_line(parameter, which, fits[part])
+        lines += _yaml_of_lines(which, fits[part])
+        if part == "gyro" and calibration is not None:
+            lines += _bias_lines(calibration)
+    return "\n".join(lines) + "\n"
+
+
+def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
+    key = KEYS[name][which]
+    scale = scale_of(key)
+    if name in ("tone", "tone_f"):
+        largest = [max(f.tones, key=lambda t: t.amplitude, default=None) for f in fits]
+        if not any(largest):
+            return []
+        values = [0.0 if t is None else t.amplitude / scale for t in largest]
+        if name == "tone_f":
+            values = [1.0 if t is None else t.f for t in largest]
+        return [f"  {key}: [{', '.join(map(_number, values))}]"]
+    found = [every_estimate(f).get(name) for f in fits]
+    if not any(found):
+        return []
+    return [_figures(f"  {key}", name, found, scale)]
+
+
+_NEUTRAL = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "damping": 1.0}
+
+
+def _figures(start: str, name: str, found: list[Estimate | None], scale: float) -> str:
+    """`key: [x, y, z]  # intervals`; an axis that has no such part has a neutral figure."""
+    neutral = _NEUTRAL.get(name, 0.0)
+    told = [neutral if e is None else 0.0 if e.is_limit else e.value / scale for e in found]
+    ranges = [
+        "-" if e is None
+        else f"<{e.upper / scale:.3g}" if e.is_limit
+        else f"{e.low / scale:.3g}..{e.high / scale:.3g}"
+        for e in found
+    ]  # fmt: skip
+    return f"{start}: [{', '.join(map(_number, told))}]  # {', '.join(ranges)}"
+
+
+def _number(value: float) -> str:
+    """Six digits, as every YAML reader takes them: 1.0e-05, since 1e-05 is a text to some."""
+    text = f"{value:.6g}"
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _yaml_of_lines(which: int, fits: list[Fit]) -> list[str]:
+    """Every axis's lines, the first ones of each together, and so on."""
+    own = [[n for n in every_estimate(f) if n.startswith("line_sigma")] for f in fits]
+    out = []
+    for k in range(max(map(len, own))):
+        for name in ("line_sigma", "line_f0", "line_width"):
+            found = [
+                every_estimate(fit).get(names[k].replace("line_sigma", name)) if k < len(names)
+                else None
+                for fit, names in zip(fits, own, strict=True)
+            ]  # fmt: skip
+            key = KEYS[name][which]
+            start = f"    {'- ' if name == 'line_sigma' else '  '}{key}"
+            out.append(_figures(start, name, found, scale_of(key)))
+    return ["  lines:", *out] if out else []
+
+
+def _bias_lines(c: Calibration) -> list[str]:
+    """Bias by lifetime: this unit's own, as the 1 sigma of units like it, and the scatter."""
+    session = np.zeros(3) if c.session_sigma is None else c.session_sigma
+    return [
+        f"  {key}: [{', '.join(f'{v:.4g}' for v in values / factor(key))}]{comment}"
+        for key, values, comment in (
+            ("bias_unit_deg_per_h", np.abs(c.bias), "  # this unit"),
+            ("bias_session_deg_per_h", session, ""),
+            ("bias_run_deg_per_h", c.run_sigma, ""),
+        )
+    ]

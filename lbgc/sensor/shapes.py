@@ -1,0 +1,62 @@
+"""What a fitted model is made of: noise terms whose parameters are free."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from lbgc.sensor.gaussian import GaussianTerm
+from lbgc.sensor.noise import (
+    AngleQuantisation,
+    BandLimited,
+    Flicker,
+    GaussMarkov,
+    Line,
+    RandomWalk,
+    White,
+)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A term whose first parameter is its coefficient and whose others are its shape. It can be
+    sent to another process."""
+
+    names: tuple[str, ...]
+    build: Callable[..., GaussianTerm]
+
+    def unit_term(self, shape: Sequence[float]) -> GaussianTerm:
+        return self.build(1.0, *shape)
+
+
+@dataclass(frozen=True)
+class FlickerBetween:
+    """Builds a bias instability between these corners of its floor."""
+
+    short: float
+    """s"""
+    long: float
+    """s"""
+
+    def __call__(self, b: float) -> Flicker:
+        return Flicker(b, self.short, self.long)
+
+
+def flicker(corners: tuple[float, float]) -> Shape:
+    """Bias instability, whose corners (s) are given."""
+    return Shape(("B",), FlickerBetween(*corners))
+
+
+def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
+    """White noise, bias instability and rate random walk: always fitted."""
+    return [Shape(("N",), White), flicker(corners), Shape(("K",), RandomWalk)]
+
+
+QUANTISATION = Shape(("Q",), AngleQuantisation)
+GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
+FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
+
+
+def line(k: int) -> Shape:
+    """The k-th line of a model, from 1 on; the first goes without a number."""
+    number = "" if k == 1 else f"_{k}"
+    names = ("line_sigma", "line_f0", "line_width")
+    return Shape(tuple(name + number for name in names), Line)

@@ -1,0 +1,117 @@
+"""What is evaluated: a dataset's recordings or a log's, and what is known of their sensor."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.data import logs
+from lbgc.data.calibrated import calibrated, drawn_errors
+from lbgc.data.record import Record
+from lbgc.data.store import Dataset
+from lbgc.earth import heading_exists
+from lbgc.errors import InputError, build, require
+from lbgc.report.page import Subject
+from lbgc.sensor.datasheet import ImuConfig
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A recording, and the same with what is known of its sensor's errors taken out."""
+
+    record: Record
+    calibrated: Record | None = None
+
+
+_BATCH_BYTES = 6e6
+"""Of the gyros of recordings that are answered together: many short ones, two at full rate."""
+
+
+def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
+    """Consecutive ones that are alike, so that estimators can answer many at once."""
+    batch: list[Measured] = []
+    for own in records:
+        if batch:
+            first = batch[0].record
+            alike = own.record.rate_hz == first.rate_hz and len(own.record.gyro) == len(first.gyro)
+            if not alike or len(batch) * first.gyro.nbytes > _BATCH_BYTES:
+                yield batch
+                batch = []
+        batch.append(own)
+    if batch:
+        yield batch
+
+
+def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterator[Measured], int]:
+    """A log's description, its recordings and how many there are. imu : what is said of it."""
+    records = list(logs.read(log))
+    notes = [f"{log.name}: a real log has no truth; errors are from its reference"]
+    notes += dict.fromkeys(note for record in records for note in record.notes)
+    model = None if imu is None else imu.model(records[0].rate_hz)
+    some = records[:16]
+    subject = Subject(
+        log.name,
+        "reference",
+        notes,
+        lambda: some,
+        min(len(r.gyro) for r in some),
+        some[0].rate_hz,
+        some[0].latitude,
+        identity="",
+        imu=model,
+    )
+    return subject, (Measured(record) for record in records), len(records)
+
+
+def of_dataset(
+    path: str, split: str, against: str, lifetimes: Sequence[str], told: ImuConfig | None
+) -> tuple[Subject, Iterator[Measured], int]:
+    """The same of a dataset's split. lifetimes : whose drawn errors are taken out of second copies;
+    told : what estimators are told of the sensor instead of its own law."""
+    dataset = Dataset.open_finished(path)
+    indices = dataset.in_split(split)
+    require(len(indices) > 0, "split", split, "has no recordings in this dataset")
+    configuration = dataset.configuration
+    own = build(ImuConfig, configuration["imu"])
+    notes = []
+    if told is not None:
+        notes.append(f"estimators are told of {told.name}; the data are of {own.name}")
+    subject = Subject(
+        f"{dataset.place}, {split} split",
+        against,
+        notes,
+        lambda: dataset.records(indices[:16]),
+        dataset.layout.samples,
+        dataset.rate_hz,
+        float(np.deg2rad(configuration["latitude"])),
+        identity=dataset.identity,
+        configuration=configuration,
+        imu=(told or own).model(float(configuration["rate_hz"])),
+        picture=dataset.path.with_suffix(".png"),
+    )
+    measured: Iterator[Measured] = (Measured(record) for record in dataset.records(indices))
+    if lifetimes:
+        drawn = drawn_errors(dataset, indices)
+        warming = own.model(float(configuration["rate_hz"])).warming
+        measured = (
+            Measured(record, calibrated(record, *errors, tuple(lifetimes), warming))
+            for record, errors in zip(dataset.records(indices), drawn, strict=True)
+        )
+    return subject, measured, len(indices)
+
+
+def heading_of(record: Record, against: str) -> float:
+    """What the record's errors are taken from, rad. Raises InputError where it has none."""
+    require(
+        bool(heading_exists(record.latitude)),
+        "latitude",
+        round(float(np.rad2deg(record.latitude)), 6),
+        f"{record.name} was taken at a pole: Earth's rate has no horizontal part there and heading "
+        "does not exist, so there is nothing to evaluate",
+    )
+    heading = record.heading if against == "truth" else record.heading_reference
+    if heading is None:
+        raise InputError(
+            f"{record.name}'s heading", "(unknown)", "", "give log.heading_deg to have errors"
+        )
+    return heading
