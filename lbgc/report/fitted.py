@@ -4,7 +4,10 @@ and the result's JSON."""
 import re
 from dataclasses import asdict
 
+import numpy as np
+
 from lbgc.data.static import AXES, Static
+from lbgc.report.remarks import remarks
 from lbgc.sensor.fitting import Estimate, Fit
 from lbgc.units import factor, unit_of
 
@@ -70,11 +73,14 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
                 lines.append(f"  {'tone':30s} {size:.3g} {unit} at {tone.f:.4g} Hz")
+            lines += [f"  {said}" for said in remarks(fit, static.dt, which)]
     return "\n".join(lines)
 
 
 def spelled(e: Estimate, key: str) -> str:
     scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
+    if e.is_withheld:
+        return "cannot be told from this log"
     if e.is_limit:
         return (
             f"below {e.upper / scale:.3g}{unit} (95%); this log cannot tell it from zero, a longer "
@@ -90,8 +96,14 @@ def as_json(fits: dict[str, list[Fit]]) -> dict:
 
 def of_axis(fit: Fit) -> dict:
     """Every estimate in SI, and the tones."""
+    estimates = {n: asdict(e) for n, e in every_estimate(fit).items()}
     return {
-        "estimates": {n: asdict(e) for n, e in every_estimate(fit).items()},
+        "estimates": {
+            name: {k: None if np.isinf(v) else v for k, v in ends.items()}
+            for name, ends in estimates.items()
+        },
         "tones": [asdict(t) for t in fit.tones],
+        "courses": [asdict(c) for c in fit.courses],
+        "counts": None if fit.counts is None else asdict(fit.counts),
         "bic": fit.bic,
     }

@@ -4,6 +4,7 @@ import numpy as np
 
 from lbgc.data.static import Static
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
+from lbgc.report.fitted_beside import beside, bias_sizes
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Estimate, Fit
 from lbgc.units import factor
@@ -17,14 +18,19 @@ def sensor_yaml(
     calibration: Calibration | None = None,
 ) -> str:
     """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero."""
+    sizes = bias_sizes(static, fits)
+    if calibration is not None:
+        del sizes["gyro"]
+    more = beside(fits, sizes)
     seconds = static.gyro.shape[1] * static.dt
     lines = [
         f"# Fitted by lbgc to {static.name}: {len(static.gyro)} x {seconds:g} s at "
         f"{1 / static.dt:g} Hz.",
         "# Each line: forward, right, down; 95% intervals behind. What the log cannot tell from",
-        "# zero is zero, with its 95% upper limit behind. Biases need recordings with known",
-        "# headings.",
+        "# zero is zero, with its 95% upper limit behind. A single recording tells biases by its",
+        "# mean alone, and not how long they last: recordings with known headings do.",
         f"name: {name}",
+        *more.top,
     ]
     for which, part in enumerate(("gyro", "accel")):
         lines.append(f"{part}:")
@@ -38,6 +44,7 @@ def sensor_yaml(
         lines += _yaml_of_lines(which, fits[part])
         if part == "gyro" and calibration is not None:
             lines += _bias_lines(calibration)
+        lines += more.triads[part]
     return "\n".join(lines) + "\n"
 
 
@@ -64,9 +71,15 @@ _NEUTRAL = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "d
 def _figures(start: str, name: str, found: list[Estimate | None], scale: float) -> str:
     """`key: [x, y, z]  # intervals`; an axis that has no such part has a neutral figure."""
     neutral = _NEUTRAL.get(name, 0.0)
-    told = [neutral if e is None else 0.0 if e.is_limit else e.value / scale for e in found]
+    told = [
+        neutral if e is None
+        else 0.0 if e.is_limit and not (e.is_withheld and name == "N")
+        else e.value / scale
+        for e in found
+    ]  # fmt: skip
     ranges = [
         "-" if e is None
+        else "cannot be told" if e.is_withheld
         else f"<{e.upper / scale:.3g}" if e.is_limit
         else f"{e.low / scale:.3g}..{e.high / scale:.3g}"
         for e in found

@@ -9,7 +9,8 @@ import scipy.ndimage
 import scipy.optimize
 import scipy.stats
 
-from lbgc.sensor import gaussian
+from lbgc.sensor import gaussian, noise
+from lbgc.sensor.counts import Counts
 from lbgc.sensor.likelihood import Likelihood, low_variance
 from lbgc.sensor.ordinates import Ordinates, Tone
 from lbgc.sensor.shapes import (
@@ -20,6 +21,7 @@ from lbgc.sensor.shapes import (
     core,
     line,
 )
+from lbgc.sensor.warmup import Course
 
 TWO_SIDED, ONE_SIDED = 3.841, 2.706  # 95% points of the likelihood ratio
 _MOST_PARTS = 10
@@ -29,7 +31,8 @@ _WORTH = 6.0  # what a further part must gain in the information criterion: stro
 @dataclass(frozen=True)
 class Estimate:
     """A parameter, SI: its value and two-sided 95% interval. Where the data cannot tell it from
-    zero (at 95%, one-sided), `low` is zero and only the upper limit means anything."""
+    zero (at 95%, one-sided), `low` is zero and only the upper limit means anything; where they tell
+    nothing of it, that limit is infinite."""
 
     value: float
     low: float
@@ -40,6 +43,10 @@ class Estimate:
     @property
     def is_limit(self) -> bool:
         return self.low == 0.0
+
+    @property
+    def is_withheld(self) -> bool:
+        return bool(np.isinf(self.upper))
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,18 @@ class Fit:
     ramp: Estimate
     """Of a linear drift R t, given the rest of the model: a random walk may explain it as well."""
     tones: tuple[Tone, ...]
+    courses: tuple[Course, ...] = ()
+    """What the mean does beyond noise: taken out before the noise was fitted."""
+    counts: Counts | None = None
+    """The samples' counts, where they have any."""
+    rounding: float = 0.0
+    """Density of the samples' rounding, beside the terms: unit^2 s."""
+
+    @property
+    def printed(self) -> gaussian.Gaussians:
+        """The fitted terms and the samples' rounding: the noise of what was printed."""
+        own = (noise.White(float(np.sqrt(self.rounding))),) if self.rounding > 0 else ()
+        return (*self.terms(), *own)
 
     def terms(self) -> gaussian.Gaussians:
         """The fitted terms, at the maximum of the likelihood."""
@@ -70,7 +89,14 @@ def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = N
     likelihood = Likelihood(data, shapes)
     p, best = likelihood.minimise(_start(data, shapes, start or {}))
     estimates = {name: _interval(likelihood, p, best, i) for i, name in enumerate(likelihood.names)}
-    return Fit(shapes, estimates, likelihood.bic(best), _ramp(likelihood, p), data.tones)
+    return Fit(
+        shapes,
+        estimates,
+        likelihood.bic(best),
+        _ramp(likelihood, p),
+        data.tones,
+        rounding=data.rounding,
+    )
 
 
 def choose(

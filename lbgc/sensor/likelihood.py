@@ -105,7 +105,7 @@ class Likelihood:
 
     def variance(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """v (m,) and its derivative by the log-parameters (m, P)."""
-        values, columns, at = np.zeros(len(self.count)), [], 0
+        values, columns, at = np.full(len(self.count), self.data.rounding), [], 0
         for shape in self.shapes:
             own = p[at : at + len(shape.names)]
             scale = np.exp(2 * own[0])
@@ -137,7 +137,7 @@ class Likelihood:
         return float(1 / max(inverse[at, at], 1e-12) / 2)
 
     def value(self, p: np.ndarray) -> float:
-        v, at = np.zeros(len(self.count)), 0
+        v, at = np.full(len(self.count), self.data.rounding), 0
         for shape in self.shapes:
             own = np.exp(p[at : at + len(shape.names)])
             v += own[0] ** 2 * self.unit_variance(shape, tuple(own[1:]))

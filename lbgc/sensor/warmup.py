@@ -58,9 +58,9 @@ class Course:
     @property
     def skip_s(self) -> float | None:
         """Seconds to cut from the start so that hardly anything of it is left, where that leaves
-        half of the recording."""
+        enough of the recording."""
         cut = {"decay": _SETTLED * self.time, "step": self.time}.get(self.kind, np.inf)
-        return float(cut) if cut <= self.duration / 2 else None
+        return float(cut) if cut <= 0.6 * self.duration else None
 
 
 def _means(kind: str, times: np.ndarray, edges: np.ndarray, T: float) -> np.ndarray:
@@ -195,10 +195,8 @@ def _refined(
         time, near = float(times[best]), times[value < value[best] + 3.84]
         if len(near) > 1 or low == 0.0:
             low, high = float(near.min()), float(near.max())
-        course = Course(
-            kind, float(size[best]), float(sigma[best]), time, low, high, float(alone - value[best]),
-            T,
-        )  # fmt: skip
+        gained = float(alone - value[best])
+        course = Course(kind, float(size[best]), float(sigma[best]), time, low, high, gained, T)
         around = np.linspace(-span, span, 15)
         times = time + around if kind == "step" else time * np.exp(around)
         span = span / 4
