@@ -18,6 +18,7 @@ from lbgc.errors import InputError, require, require_positive, run_main
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.fitted import as_json, of_axis, report
+from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.sensor import axes, warmup
 from lbgc.sensor.fitting import Fit
@@ -76,7 +77,10 @@ def main(config: FitConfig) -> Path:
         calibration = calibrate.calibrate(rates, static.heading, static.latitude, static.session)
         print(calibrate.report(calibration, static.name))
     corners = (config.flicker_short_s, config.flicker_long_s)
-    yaml = sensor_yaml(config.name, corners, static, fits, calibration)
+    sizes = bias_sizes(static, fits)
+    if calibration is not None:
+        del sizes["gyro"]
+    yaml = sensor_yaml(config.name, corners, static, fits, calibration, sizes)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
     write_atomically(directory / "fit.json", json.dumps(as_json(fits), indent=2) + "\n")
     for part in PARTS:
@@ -94,16 +98,11 @@ def _require_steady(static: Static, corners: tuple[float, float]) -> None:
     try:
         require_steady(static)
     except InputError:
-        without = {
-            part: np.stack(
-                [
-                    [warmup.taken_out(own, static.dt, corners)[0] for own in record.T]
-                    for record in getattr(static, part)
-                ]
-            ).swapaxes(1, 2)
-            for part in PARTS
-        }
-        require_steady(replace(static, **without))
+        gyro, accel = (
+            np.stack([[warmup.taken_out(x, static.dt, corners)[0] for x in r.T] for r in part])
+            for part in (static.gyro, static.accel)
+        )
+        require_steady(replace(static, gyro=gyro.swapaxes(1, 2), accel=accel.swapaxes(1, 2)))
 
 
 def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, list[Fit]]:

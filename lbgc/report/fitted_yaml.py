@@ -4,7 +4,8 @@ import numpy as np
 
 from lbgc.data.static import Static
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
-from lbgc.report.fitted_beside import beside, bias_sizes
+from lbgc.report.fitted_beside import beside
+from lbgc.sensor.bias_size import BiasSize
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Estimate, Fit
 from lbgc.units import factor
@@ -16,11 +17,11 @@ def sensor_yaml(
     static: Static,
     fits: dict[str, list[Fit]],
     calibration: Calibration | None = None,
+    sizes: dict[str, BiasSize] | None = None,
 ) -> str:
-    """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero."""
-    sizes = bias_sizes(static, fits)
-    if calibration is not None:
-        del sizes["gyro"]
+    """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero.
+
+    sizes : of the biases, gyro and accel, where a mean alone tells them."""
     more = beside(fits, sizes)
     seconds = static.gyro.shape[1] * static.dt
     lines = [
