@@ -73,7 +73,7 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
                 lines.append(f"  {'tone':30s} {size:.3g} {unit} at {tone.f:.4g} Hz")
-            lines += [f"  {said}" for said in remarks(fit, static.dt, which)]
+            lines += [f"  {said}" for said in remarks(fit, which)]
     return "\n".join(lines)
 
 

@@ -12,8 +12,8 @@ _COUNT = ("count_deg_per_s", "count_ug")
 _WORTH_SAYING = 5.0  # counts of noise, below which rounding is more than 0.3% of the variance
 
 
-def remarks(fit: Fit, dt: float, which: int) -> list[str]:
-    """which : 0 for a gyro, 1 for an accelerometer; dt : s, of samples."""
+def remarks(fit: Fit, which: int) -> list[str]:
+    """which : 0 for a gyro, 1 for an accelerometer."""
     said = [of_course(course, which) for course in fit.courses]
     if fit.counts is not None:
         said += of_counts(fit.counts, which)
