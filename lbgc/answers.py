@@ -2,17 +2,38 @@
 
 import csv
 import io
+import sys
 import time
 from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError
 from lbgc.estimators.estimate import Estimate, Estimator
+from lbgc.headings import Headings
 from lbgc.metrics import Summary, heading_errors, summarise
 from lbgc.sensor.imu import ImuModel
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Estimators answer in one thread meanwhile, so that processor time is what an answer takes:
+    threads that wait for each other spend it too."""
+    torch = sys.modules.get("torch")  # where nothing was learned it is not there
+    before = torch.get_num_threads() if torch else 1
+    with threadpool_limits(1):
+        try:
+            if torch:
+                torch.set_num_threads(1)
+            yield
+        finally:
+            if torch:
+                torch.set_num_threads(before)
 
 
 @dataclass(frozen=True)
@@ -20,7 +41,7 @@ class Own:
     """Of W windows, what an estimator is not told."""
 
     heading: np.ndarray
-    """(W,), rad, that errors are taken from"""
+    """(W,), rad, that errors are taken from; NaN where nobody knows it"""
     recording: np.ndarray
     """(W,), the number of the recording that each is of"""
 
@@ -37,6 +58,8 @@ class Answers:
     start_s: list[np.ndarray] = field(default_factory=list)
     recording: list[np.ndarray] = field(default_factory=list)
     seconds: float = 0.0
+    at_least: bool = False
+    """Whether sigmas are lower bounds."""
 
     def add(self, estimate: Estimate, windows: Windows, own: Own, seconds: float) -> None:
         self.errors.append(heading_errors(estimate.heading, own.heading))
@@ -47,6 +70,7 @@ class Answers:
         self.start_s.append(windows.start_s)
         self.recording.append(own.recording)
         self.seconds += seconds
+        self.at_least |= estimate.at_least
 
     def all_of(self, name: str) -> np.ndarray:
         return np.concatenate(getattr(self, name))
@@ -54,7 +78,18 @@ class Answers:
     def summary(self) -> Summary:
         names = ("errors", "latitude", "sigma", "recording")
         errors, latitude, sigma, recording = (self.all_of(name) for name in names)
-        return summarise(errors, latitude, sigma, recording, self.seconds)
+        return summarise(errors, latitude, sigma, recording, self.seconds, self.at_least)
+
+    def headings(self, names: Sequence[str]) -> list[Headings]:
+        """What was answered, recording by recording. names : of all recordings, by number."""
+        recording, start_s = self.all_of("recording"), self.all_of("start_s")
+        heading = np.mod(np.rad2deg(self.all_of("estimate")), 360)
+        sigma = np.rad2deg(self.all_of("sigma"))
+        return [
+            Headings(names[n], start_s[own], heading[own], sigma[own], self.at_least)
+            for n in np.unique(recording)
+            for own in [recording == n]
+        ]
 
 
 @dataclass
@@ -102,7 +137,7 @@ class Evaluation:
         ]
 
     def as_csv(self) -> str:
-        """A line for each window and estimator; angles in degrees."""
+        """A line for each window and estimator; angles in degrees, blank where unknown."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         names = ("heading_deg", "estimate_deg", "error_deg", "sigma_deg")
@@ -113,5 +148,6 @@ class Evaluation:
             columns = [own.all_of("recording"), own.all_of("start_s"), *angles]
             for number, start, *degrees in zip(*(c.tolist() for c in columns), strict=True):
                 recording = self.recordings[number]
-                writer.writerow((recording, f"{window:g}", f"{start:g}", name, *degrees))
+                known = ["" if np.isnan(angle) else angle for angle in degrees]
+                writer.writerow((recording, f"{window:g}", f"{start:g}", name, *known))
         return out.getvalue()

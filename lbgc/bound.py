@@ -10,12 +10,11 @@ Two bounds, both of the Gaussian model that `lbgc.estimators.information` states
   posterior). Its RMSE on a set of windows is the least that any estimator can have on windows drawn
   by that model, and "over the floor" means over this, on the same windows.
 
-Both are of blocks at rest or in steady motion. A slew's own blocks tell of north too, to whoever
-knows the gyros' misalignment to a part in a hundred thousand: on two positions, in four minutes
-of 5 s means, the RMSE would be 1.8% less with them. No estimator here takes them.
+Both are of everything that gyros and accelerometers say: rests, steady motion, and each slew from
+rest to rest, in which the plate's known angle tells what misalignment and scale factor make of it.
+The base may lean: the latitude and the vertical gyro say what of Earth's vertical rate that brings.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -28,22 +27,11 @@ from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
 from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled, Site
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.information import (
-    AS_LENGTHS,
-    LIFETIMES,
-    Information,
-    across,
-    along,
-    bayes,
-    covariance,
-    information,
-    known,
-    sources,
-    turn,
-)
-from lbgc.estimators.linear import answer, needs_model
+from lbgc.estimators.information import AS_LENGTHS, LIFETIMES, across, along, bayes, known
+from lbgc.estimators.linear import LEANS, answer, needs_model
+from lbgc.estimators.optimal import Information, budget, degrees, fitted, information
 from lbgc.frames import wrap
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.report.figures import bound_against_time, png
 from lbgc.sensor import streams
@@ -53,6 +41,7 @@ from lbgc.sensor.imu import ImuModel
 
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 _DRAWS = 3000
+MOST_LEAN = float(np.rad2deg(LEANS))
 
 
 def white_crlb(N: float, latitude: float, duration_s: float) -> float:
@@ -68,11 +57,11 @@ def crlb(told: Information, reference_sigma: float = 0.0) -> float:
 
     reference_sigma : rad, of the reference, where errors are taken from one that errs.
     """
-    rms = float(np.sqrt(np.mean(told.sigma(_HEADINGS) ** 2) + reference_sigma**2))
+    rms = float(np.sqrt(_small(told) + reference_sigma**2))
     return rms if rms < AS_LENGTHS else float("nan")
 
 
-def expected_floor(told: Information, reference_sigma: float = 0.0) -> float:
+def expected_floor(told: Information, reference_sigma: float = 0.0, draws: int = _DRAWS) -> float:
     """RMSE that the Bayes-optimal estimator is to be expected to have, rad: over headings and over
     the law of h, Normal(J q, J), which is all that the data tell. Seeded, to about 1%.
 
@@ -80,15 +69,16 @@ def expected_floor(told: Information, reference_sigma: float = 0.0) -> float:
     far less spread than they have.
     """
     rng = streams.figures()
-    psi = rng.uniform(-np.pi, np.pi, _DRAWS)
+    psi = rng.uniform(-np.pi, np.pi, draws)
     q, n = along(psi), across(psi)
-    values, vectors = np.linalg.eigh(told.J)
-    noise = rng.standard_normal((_DRAWS, 2)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    square = wrap(bayes(q @ told.J + noise, told.J).heading - psi) ** 2
+    J = told.J[0]
+    values, vectors = np.linalg.eigh(J)
+    noise = rng.standard_normal((draws, 2)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    square = wrap(bayes(q @ J + noise, J).heading - psi) ** 2
     sigma = told.sigma(psi)
     if np.median(sigma) < np.deg2rad(20.0):
         linear = np.sum(n * noise, axis=1) * sigma**2
-        square = square - linear**2 + np.mean(told.sigma(_HEADINGS) ** 2)
+        square = square - linear**2 + _small(told)
     return float(np.sqrt(np.mean(square) + reference_sigma**2))
 
 
@@ -96,64 +86,46 @@ def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """The Bayes-optimal estimate of windows, from the block means of at most 240 blocks at rest or
     in steady motion. What is known of the sensor's errors is taken out of both (see `known`).
 
+    Slews are told by their means from rest to rest.
+
     Raises InputError where the data scatter far more than the model says: on a base that sways
     this is the optimum of nothing, and no floor.
     """
     model = needs_model("floor", imu)
 
     def each(part: Levelled) -> Estimate:
-        told = information(model, part.course, part.site)
-        h = told.told(part.data)
-        _check_fit(part, covariance(model, part.course, part.site))
-        return bayes(h, told.J)
+        found = fitted(model, part)
+        _check_fit(part, found.misfit)
+        return bayes(found.h, found.J)
 
     return answer(windows, model, each, "floor")
 
 
-def _check_fit(part: Levelled, C: np.ndarray) -> None:
-    """The sensor's model is right where `misfit` is 1. It may be 2, or ten of its own standard
-    deviations more where there are few data."""
-    left, most = misfit(part, C), max(2.0, 1 + 10 * np.sqrt(2 / part.data.size))
+def _check_fit(part: Levelled, misfit: np.ndarray) -> None:
+    """The sensor's model is right where the mean misfit is 1. It may be 2, or ten of its own
+    standard deviations more where there are few data."""
+    count = len(misfit) * max(1, degrees(part.course))
+    left, most = float(np.mean(misfit)), max(2.0, 1 + 10 * np.sqrt(2 / count))
     if left > most:
         about = "times the scatter that the sensor's model explains: the base moves, or the model "
         raise refusal("floor", f"{left:.3g}", "", about + "is not this sensor's")
 
 
-def misfit(part: Levelled, C: np.ndarray) -> float:
-    """Mean of the normalised squares that the best heading and tilt of each window leave. The tilt
-    is fitted with the heading: gyros of navigation grade feel what the level's error makes of
-    Earth's vertical rate. C : covariance of the data, (4, n, n)."""
-    sides = np.concatenate([turn(part.course, part.site), np.moveaxis(part.data, 0, 2)], axis=2)
-    normalised = np.linalg.solve(np.linalg.cholesky(C), sides).reshape(-1, sides.shape[2])
-    design, data = normalised[:, :4], normalised[:, 4:]
-    residual = data - design @ np.linalg.lstsq(design, data, rcond=None)[0]
-    return float(np.sum(residual**2) / max(1, data.size - 4 * data.shape[1]))
-
-
-def budget(imu: ImuModel, course: Course, site: Site) -> dict[str, float]:
-    """What each source contributes to the most likely heading's error, rad RMS over headings.
-
-    Small errors are n'(h - J q)/(n' J n), n across the heading, and h - J q is the weights times
-    the sources' errors: their squares add up to the bound's.
-    """
-    told = information(imu, course, site)
-    n = across(_HEADINGS)
-    found = {}
-    for name, C in sources(imu, course, site).items():
-        spread = np.einsum("ian,anm,jam->ij", told.weights, C, told.weights)
-        variance = np.sum((n @ spread) * n, axis=1) * told.sigma(_HEADINGS) ** 4
-        found[name] = float(np.sqrt(max(np.mean(variance), 0.0)))
-    return {name: size for name, size in found.items() if size > 0}
-
-
-def course_of(config: ProtocolConfig, duration_s: float, start_s: float = 0.0) -> Course:
-    """Of a window that holds the whole protocol. Raises InputError where it is too short for it."""
+def course_of(
+    config: ProtocolConfig, duration_s: float, start_s: float = 0.0, settle_s: float = 0.0
+) -> Course:
+    """Of a window that holds the whole protocol; settle_s : what the servo takes to bring the plate
+    to rest after each slew. Raises InputError where the window is too short for it."""
     planned = plan(config, 0, duration_s)
     fine = 40
     interval = duration_s / MOST_BLOCKS
     middles = (np.arange(MOST_BLOCKS * fine) + 0.5) * interval / fine
-    angle = planned.command(middles)[0].reshape(MOST_BLOCKS, fine).mean(axis=1)
-    course = Course.planned(angle - planned.start, interval, start_s)
+    angle = planned.command(middles)[0]
+    ends = np.array([move.end_s for move in planned.moves])[:, None]
+    begin = np.arange(MOST_BLOCKS) * interval
+    over = (begin + interval > ends) & (begin < ends + settle_s)
+    settling = np.asarray(over.any(axis=0))
+    course = Course.planned(angle - planned.start, interval, start_s, fine, settling)
     require(len(course.blocks) > 1, "windows_s", duration_s, "leaves no rest between the slews")
     return course
 
@@ -176,6 +148,12 @@ class BoundConfig:
     """Lifetimes whose errors are known: unit, session, run."""
     reference_error_deg: float = 0.0
     """1 sigma of the reference that errors are taken from; 0: from the truth."""
+    lean_deg: float = 0.0
+    """How far the base leans; the bounds are of the direction that is worst."""
+    level_error_deg: float = 0.0
+    """1 sigma of what levelling the base leaves in roll and in pitch, new every time, besides."""
+    settle_s: float = 1.6
+    """What the servo takes to bring the plate to rest after each slew, as on the bench of sim/."""
     imu: ImuConfig = field(default_factory=ImuConfig)
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
 
@@ -190,8 +168,15 @@ class BoundConfig:
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
             require_positive("windows_s", window)
-        for name in ("start_s", "reference_error_deg"):
+        for name in ("start_s", "reference_error_deg", "lean_deg", "level_error_deg", "settle_s"):
             require(getattr(self, name) >= 0, name, getattr(self, name), "must not be negative")
+        lean = self.lean_deg + 2 * self.level_error_deg
+        require(
+            lean <= MOST_LEAN,
+            "lean_deg",
+            self.lean_deg,
+            "must be up to 10, twice level_error_deg added",
+        )
         for name in self.known:
             require_choice("known", name, LIFETIMES)
 
@@ -210,9 +195,13 @@ def main(config: BoundConfig) -> Path:
     rows = bounds(config, config.protocol)
     if not rows:
         course_of(config.protocol, max(config.windows_s))  # says why
-    longest = max(r["window_s"] for r in rows)
-    course = course_of(config.protocol, longest, config.start_s)
-    parts = budget(config.model, course, config.site)
+    longest = max(rows, key=lambda row: row["window_s"])
+    course = course_of(config.protocol, longest["window_s"], config.start_s, config.settle_s)
+    worst = (
+        float(np.deg2rad(longest["worst_roll_deg"])),
+        float(np.deg2rad(longest["worst_pitch_deg"])),
+    )
+    parts = budget(config.model, course, config.site, _HEADINGS, worst)
     short = sorted(set(config.windows_s) - {r["window_s"] for r in rows})
     if short:
         lengths = ", ".join(f"{w:g}" for w in short)
@@ -220,10 +209,10 @@ def main(config: BoundConfig) -> Path:
     for line in warnings(config.model, min(r["window_s"] for r in rows)):
         print(line)
     print(table(config, rows))
-    print(budget_table(parts, longest))
+    print(budget_table(parts, longest["window_s"]))
     directory = task_directory("bound", fingerprint(asdict(config)))
     result = {"bounds": rows, "budget_deg": {k: float(np.rad2deg(v)) for k, v in parts.items()}}
-    write_atomically(directory / "bound.json", json.dumps(result, indent=2))
+    write_atomically(directory / "bound.json", as_json(result))
     figure = bound_against_time(_curves(config), f"{config.imu.name}, {config.latitude:g}°")
     write_atomically(directory / "bound.png", png(figure))
     mark_latest(directory)
@@ -232,22 +221,59 @@ def main(config: BoundConfig) -> Path:
 
 def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, float]]:
     """crlb and expected floor, degrees, at each window that is long enough for the protocol."""
+    reference = float(np.deg2rad(config.reference_error_deg))
     rows = []
     for window in sorted(config.windows_s):
         try:
-            course = course_of(protocol, window, config.start_s)
-            told = information(config.model, course, config.site)
+            course = course_of(protocol, window, config.start_s, config.settle_s)
         except InputError:
             continue
-        reference = float(np.deg2rad(config.reference_error_deg))
+        lean = max(_leans(config), key=lambda lean: _small(_told(config, course, lean)))
+        nearby = [(p, _told(config, course, n)) for p, n in _about(lean, config.level_error_deg)]
+        closed = float(np.sqrt(sum(p * _small(told) for p, told in nearby) + reference**2))
+        draws = _DRAWS // len(nearby)
+        errors = [p * expected_floor(told, draws=draws) ** 2 for p, told in nearby]
         rows.append(
             {
                 "window_s": window,
-                "crlb_deg": float(np.rad2deg(crlb(told, reference))),
-                "floor_deg": float(np.rad2deg(expected_floor(told, reference))),
+                "crlb_deg": float(np.rad2deg(closed)) if closed < AS_LENGTHS else float("nan"),
+                "floor_deg": float(np.rad2deg(np.sqrt(sum(errors) + reference**2))),
+                "worst_roll_deg": float(np.rad2deg(lean[0])),
+                "worst_pitch_deg": float(np.rad2deg(lean[1])),
             }
         )
     return rows
+
+
+def _told(config: BoundConfig, course: Course, lean: tuple[float, float]) -> Information:
+    return information(config.model, course, config.site, lean=lean)
+
+
+def _small(told: Information) -> float:
+    """Mean square over headings of errors that are small against the circle, rad^2."""
+    return float(np.mean(told.sigma(_HEADINGS) ** 2))
+
+
+def _leans(config: BoundConfig) -> list[tuple[float, float]]:
+    """Roll and pitch, rad, of a base that leans so far, every thirty degrees round."""
+    if config.lean_deg == 0:
+        return [(0.0, 0.0)]
+    at, size = np.deg2rad(np.arange(0, 360, 30.0)), np.deg2rad(config.lean_deg)
+    return [(float(size * np.cos(a)), float(size * np.sin(a))) for a in at]
+
+
+def _about(lean: tuple[float, float], error_deg: float) -> list[tuple[float, tuple[float, float]]]:
+    """Leans of bases that are levelled to this error, and their shares, whose mean squares are
+    those of a normal law (Gauss and Hermite's three points in roll and in pitch)."""
+    if error_deg == 0:
+        return [(1.0, lean)]
+    points = [(1 / 6, -np.sqrt(3.0)), (2 / 3, 0.0), (1 / 6, np.sqrt(3.0))]
+    step = np.deg2rad(error_deg)
+    return [
+        (p * q, (float(lean[0] + step * x), float(lean[1] + step * y)))
+        for p, x in points
+        for q, y in points
+    ]
 
 
 def table(config: BoundConfig, rows: Sequence[dict[str, float]]) -> str:
@@ -255,6 +281,12 @@ def table(config: BoundConfig, rows: Sequence[dict[str, float]]) -> str:
         f"{config.imu.name}, {config.protocol.name}, latitude {config.latitude:g}: degrees",
         f"{'window':>9s} {'floor':>8s} {'crlb':>8s} {'floor·cos(lat)':>15s} {'95%':>8s}",
     ]
+    if config.lean_deg > 0 and rows:
+        worst = rows[-1]
+        lines[0] += (
+            f"; base leaning by {config.lean_deg:g}, at worst roll {worst['worst_roll_deg']:.3g} "
+            f"and pitch {worst['worst_pitch_deg']:.3g}"
+        )
     cos = np.cos(np.deg2rad(config.latitude))
     for row in rows:
         closed, rms = row["crlb_deg"], row["floor_deg"]

@@ -5,7 +5,6 @@ python lbgc/compare.py runs=outputs/train
 
 import csv
 import io
-import json
 import sys
 import time
 from collections import defaultdict
@@ -20,7 +19,7 @@ from lbgc.errors import InputError, require, run_main
 from lbgc.learning import description
 from lbgc.learning.description import DESCRIPTION
 from lbgc.learning.estimator import compute_torch, load_net
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 
 _REPEATS = 20
 
@@ -97,7 +96,7 @@ def compare(found: Sequence[tuple[Path, dict[str, Any]]]) -> list[Row]:
     groups: dict[str, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
     for run, said in found:
         content = {k: v for k, v in _flat(said["training"]).items() if k not in ("seed", "data")}
-        groups[json.dumps([said["dataset"], content], sort_keys=True)].append((run, said))
+        groups[as_json([said["dataset"], content], sort_keys=True)].append((run, said))
     contents = [_flat(own[0][1]["training"]) for own in groups.values()]
     same = {"seed", "data", "model.name"}
     differing = {
@@ -110,10 +109,16 @@ def compare(found: Sequence[tuple[Path, dict[str, Any]]]) -> list[Row]:
         changed = " ".join(f"{key}={content[key]}" for key in sorted(differing))
         spread = float(np.std(errors, ddof=1)) if len(errors) > 1 else float("nan")
         rows.append(
-            Row(said["model"]["name"], said["dataset"], changed, said["parameters"], len(own),
+            Row(said["model"]["name"], _dataset(said), changed, said["parameters"], len(own),
                 float(np.mean(errors)), spread, _latency_ms(run, said))
         )  # fmt: skip
     return sorted(rows, key=lambda row: (row.dataset, row.rmse_deg))
+
+
+def _dataset(said: dict[str, Any]) -> str:
+    """Identity of what a run was trained on: of one dataset, or of several."""
+    own = said["dataset"]
+    return own if isinstance(own, str) else "+".join(own)
 
 
 def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -4,15 +4,14 @@ python lbgc/evaluate.py data=PATH run=RUN
 python lbgc/evaluate.py log=lasergyro
 """
 
-import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from lbgc.answers import Evaluation, Own
+from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.bound import floor
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
@@ -22,7 +21,7 @@ from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, outcome_of
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
@@ -109,13 +108,13 @@ def main(config: EvaluateConfig) -> Path:
         )
     elif config.log is not None:
         estimators |= _pretrained(config.imu, subject.notes)
-    result, evaluation = _evaluate(config, estimators, subject, records, count)
+    with one_thread():
+        result, evaluation = _evaluate(config, estimators, subject, records, count)
+    result = replace(result, learned=tuple(name for name in estimators if name not in KNOWN))
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
-    write_atomically(
-        directory / "results.json",
-        json.dumps(document_of(config.run, result, evaluation), indent=2),
-    )
+    document = document_of(config.run, result, evaluation)
+    write_atomically(directory / "results.json", as_json(document))
     write_atomically(directory / "windows.csv", evaluation.as_csv())
     for line in result.notes:
         print(line)

@@ -3,7 +3,6 @@
 python lbgc/fit.py log=csv log.path=mine.csv log.latitude=48.1 name=mine
 """
 
-import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -15,12 +14,13 @@ from lbgc.data import logs
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, require_positive, run_main
-from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.allan_page import AllanData, draw
-from lbgc.report.fitted import as_json, of_axis, report
+from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.sensor import axes, warmup
+from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Fit
 
 SHORTEST_S = 60.0
@@ -73,16 +73,14 @@ def main(config: FitConfig) -> Path:
     print(report(static, fits))
     calibration = None
     if static.heading is not None and len(static.heading) >= calibrate.FEWEST:
-        rates = static.gyro.mean(axis=1)
-        calibration = calibrate.calibrate(rates, static.heading, static.latitude, static.session)
-        print(calibrate.report(calibration, static.name))
+        calibration = _calibrated(static)
     corners = (config.flicker_short_s, config.flicker_long_s)
     sizes = bias_sizes(static, fits)
     if calibration is not None:
         del sizes["gyro"]
     yaml = sensor_yaml(config.name, corners, static, fits, calibration, sizes)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
-    write_atomically(directory / "fit.json", json.dumps(as_json(fits), indent=2) + "\n")
+    write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
     for part in PARTS:
         data = AllanData(part, getattr(static, part), static.dt, static.latitude)
         for name, figure in draw(data, fits[part]).items():
@@ -105,6 +103,21 @@ def _require_steady(static: Static, corners: tuple[float, float]) -> None:
         require_steady(replace(static, gyro=gyro.swapaxes(1, 2), accel=accel.swapaxes(1, 2)))
 
 
+def _calibrated(static: Static) -> Calibration | None:
+    """Bias by lifetime, printed; None, and why, where the recordings do not tell it."""
+    assert static.heading is not None
+    names = [f"{static.name}, recording {i}" for i in range(len(static.heading))]
+    rates = static.gyro.mean(axis=1)
+    try:
+        tilt = calibrate.tilt_of(static.accel.mean(axis=1), names)
+    except InputError as error:
+        print(f"no bias by lifetime: {error}")
+        return None
+    found = calibrate.calibrate(rates, static.heading, static.latitude, static.session, tilt)
+    print(calibrate.report(found, static.name))
+    return found
+
+
 def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, list[Fit]]:
     """Every axis's fit. Each is written to the directory as soon as it is there, so that nothing
     is lost with what may fail later."""
@@ -123,7 +136,7 @@ def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, lis
 
         for name, fit in axes.fitted(series, static.dt, corners, config.processes, say):
             done[name] = fit
-            text = json.dumps(of_axis(fit), indent=2) + "\n"
+            text = as_json(of_axis(fit)) + "\n"
             write_atomically(directory / f"{name[0]}_{AXES[name[1]]}.json", text)
             bar.update()
     return {part: [done[part, axis] for axis in range(3)] for part in PARTS}

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from lbgc.frames import wrap
 from lbgc.sensor import streams
@@ -17,6 +18,9 @@ class Summary:
     """Of W heading errors. Every name says what it is; degrees."""
 
     windows: int
+    independent: int
+    """How many of them may be taken for independent: recordings, whose windows share a bias; of one
+    recording its windows."""
     rmse_deg: float
     """Root mean square of the wrapped error."""
     median_deg: float
@@ -30,11 +34,33 @@ class Summary:
     sec(latitude)."""
     mean_normalised_squared_error: float | None = None
     """Of error/sigma: 1 where the stated sigma is true; None where none was stated, or zero."""
+    sigma_deg: float | None = None
+    """Root mean square of the stated sigmas; None where none was stated."""
+    sigma_is_at_least: bool = False
+    """Whether it is a lower bound: the estimator was told nothing of the sensor."""
     microseconds_a_window: float | None = None
-    """Processor time, of all threads."""
+    """Processor time, of one thread: no more are used."""
     intervals: Mapping[str, tuple[float, float]] | None = None
     """95%, by the names above: bootstrap over recordings, or over windows where one has them all;
     None where there is but one window."""
+
+
+TRUE_SIGMA = (0.9, 1.1)
+"""Of the mean normalised squared error: a sigma is wrong by 5% at either end."""
+
+
+def is_untrue(summary: Summary) -> bool:
+    """Whether the 95% interval of the mean normalised squared error lies outside TRUE_SIGMA: then
+    the sigma that was stated is not the errors'.
+
+    n errors over true sigmas have a sum of squares that is chi-square of n degrees of freedom: at
+    n = 8 a mean of 0.27 to 2.2. A true sigma is called untrue in fewer than 5 of 100 tables' rows.
+    """
+    value, n = summary.mean_normalised_squared_error, summary.independent
+    if value is None:
+        return False
+    low, high = n * value / chi2.ppf([0.975, 0.025], n)
+    return bool(low > TRUE_SIGMA[1] or high < TRUE_SIGMA[0])
 
 
 def heading_errors(estimate: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -48,9 +74,11 @@ def summarise(
     sigma: np.ndarray | None = None,
     recording: np.ndarray | None = None,
     seconds: float | None = None,
+    at_least: bool = False,
 ) -> Summary:
     """errors, latitude, sigma : (W,), rad, W >= 1; recording : (W,), which window is whose, for
-    the intervals; seconds : that answering took, altogether."""
+    the intervals; seconds : that answering took, altogether; at_least : whether sigma is a lower
+    bound."""
     size = np.abs(np.rad2deg(errors))
     order = np.argsort(size)  # once, for the quantiles of every resample
     own = _numbers(np.zeros(len(size)) if recording is None else recording)
@@ -70,7 +98,10 @@ def summarise(
         }
     return Summary(
         windows=len(size),
+        independent=sums.recordings,
         **{name: float(values[0]) for name, values in figures.items()},
+        sigma_deg=_rmse_deg(sigma) if sigma is not None and told else None,
+        sigma_is_at_least=at_least,
         microseconds_a_window=None if seconds is None else 1e6 * seconds / len(size),
         intervals=intervals,
     )
@@ -218,9 +249,9 @@ def times_to_reach(
         low = high = None
         if drawn is not None:
             seconds = [_seconds(windows_s, row, target) for row in drawn]
-            # as drawn: between a time and never there is nothing to interpolate
+            # as drawn: between a time and none there is nothing to interpolate
             low, high = (
-                _in_words(float(end), windows_s[0])
+                _in_words(float(end), windows_s)
                 for end in np.percentile(seconds, [2.5, 97.5], method="nearest")
             )
         found[target] = Reach(time_to_reach(windows_s, rmse, target), low, high)
@@ -255,23 +286,24 @@ def _drawn_rmse_deg(errors: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarr
 
 def time_to_reach(windows_s: Sequence[float], rmse_deg: Sequence[float], error_deg: float) -> str:
     """The window length at which an estimator's RMSE comes down to this error for good, in words:
-    interpolated between window lengths, both in logarithms; "never" where it does not.
+    interpolated between window lengths, both in logarithms; "not within 240 s" where the longest
+    window there is does not do.
 
     windows_s : ascending, s.
     """
-    return _in_words(_seconds(windows_s, rmse_deg, error_deg), windows_s[0])
+    return _in_words(_seconds(windows_s, rmse_deg, error_deg), windows_s)
 
 
-def _in_words(seconds: float, shortest_s: float) -> str:
-    if seconds <= shortest_s:
-        return f"<= {shortest_s:g} s"
-    return "never" if np.isinf(seconds) else f"{seconds:.3g} s"
+def _in_words(seconds: float, windows_s: Sequence[float]) -> str:
+    if seconds <= windows_s[0]:
+        return f"<= {windows_s[0]:g} s"
+    return f"not within {windows_s[-1]:g} s" if np.isinf(seconds) else f"{seconds:.3g} s"
 
 
 def _seconds(
     windows_s: Sequence[float], rmse_deg: Sequence[float] | np.ndarray, error_deg: float
 ) -> float:
-    """The same; the shortest length where no longer one is needed, infinity for never."""
+    """The same; the shortest length where no longer one is needed, infinity where none does."""
     above = [i for i, rmse in enumerate(rmse_deg) if rmse > error_deg]
     if not above:
         return windows_s[0]

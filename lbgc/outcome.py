@@ -16,14 +16,19 @@ def outcome_of(
     keys: Sequence[tuple[str, float]],
     notes: Sequence[str],
     reach_deg: Sequence[float],
+    verdicts: Sequence[str] = (),
 ) -> Result:
-    """keys : the answered estimators and window lengths, in their order."""
+    """keys : the answered estimators and window lengths, in their order; verdicts : whether north
+    can be found at all."""
+    if subject.against is None:
+        found = {key: evaluation.answers[key].headings(evaluation.recordings) for key in keys}
+        return Result(subject, {}, {}, list(notes), {}, {}, {}, found, verdicts)
     rows = {key: evaluation.answers[key].summary() for key in keys}
     absolute = {key: np.abs(np.rad2deg(evaluation.answers[key].all_of("errors"))) for key in keys}
     by_heading = {key: _per_heading(evaluation.answers[key]) for key in keys}
     over = _over_floor(evaluation, keys)
     reach = _reach(evaluation, keys, reach_deg)
-    return Result(subject, rows, absolute, list(notes), reach, over, by_heading)
+    return Result(subject, rows, absolute, list(notes), reach, over, by_heading, verdicts=verdicts)
 
 
 def _over_floor(
@@ -76,6 +81,7 @@ def document_of(run: str | None, result: Result, evaluation: Evaluation) -> dict
         "subject": result.subject.name,
         "against": result.subject.against,
         "run": run,
+        "verdicts": list(result.verdicts),
         "rows": [
             {
                 "estimator": name,
@@ -85,6 +91,14 @@ def document_of(run: str | None, result: Result, evaluation: Evaluation) -> dict
                 "by_heading": result.by_heading[name, window],
             }
             for (name, window), summary in result.rows.items()
+        ],
+        "headings": [
+            {
+                "estimator": name,
+                "window_s": window,
+                "recordings": [own.as_json() for own in each],
+            }
+            for (name, window), each in result.headings.items()
         ],
         "time_to_reach": {
             name: {f"{error:g} deg": asdict(said) for error, said in by_error.items()}

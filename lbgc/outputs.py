@@ -2,15 +2,37 @@
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 
 def fingerprint(configuration: Mapping) -> str:
     """A short name for a configuration: equal for equal content, whatever the order of its keys."""
     content = json.dumps(configuration, sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+def as_json(content: Any, indent: int | None = 2, sort_keys: bool = False) -> str:
+    """Content as JSON that every reader of the standard takes: what is not a finite number is null.
+
+    Numbers and arrays of NumPy's are taken as Python's.
+    """
+    return json.dumps(_standard(content), indent=indent, sort_keys=sort_keys, allow_nan=False)
+
+
+def _standard(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _standard(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_standard(value) for value in content]
+    if hasattr(content, "tolist"):  # NumPy's
+        return _standard(content.tolist())
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content
 
 
 UNSEALED = "0" * 64

@@ -45,13 +45,18 @@ def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
 def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterator[Measured], int]:
     """A log's description, its recordings and how many there are. imu : what is said of it."""
     records = list(logs.read(log))
-    notes = [f"{log.name}: a real log has no truth; errors are from its reference"]
+    unknown = [record.name for record in records if record.heading_reference is None]
+    if unknown:
+        whose = unknown[0] + (f" and {len(unknown) - 1} more" if len(unknown) > 1 else "")
+        notes = [f"{whose}: no heading is known, so there are no errors; log.heading_deg gives one"]
+    else:
+        notes = [f"{log.name}: a real log has no truth; errors are from its reference"]
     notes += dict.fromkeys(note for record in records for note in record.notes)
     model = None if imu is None else imu.model(records[0].rate_hz)
     some = records[:16]
     subject = Subject(
         log.name,
-        "reference",
+        None if unknown else "reference",
         notes,
         lambda: some,
         min(len(r.gyro) for r in some),
@@ -100,8 +105,10 @@ def of_dataset(
     return subject, measured, len(indices)
 
 
-def heading_of(record: Record, against: str) -> float:
-    """What the record's errors are taken from, rad. Raises InputError where it has none."""
+def heading_of(record: Record, against: str | None) -> float:
+    """What the record's errors are taken from, rad; NaN where they are from nothing.
+
+    Raises InputError where it has none, or is of a pole."""
     require(
         bool(heading_exists(record.latitude)),
         "latitude",
@@ -109,9 +116,9 @@ def heading_of(record: Record, against: str) -> float:
         f"{record.name} was taken at a pole: Earth's rate has no horizontal part there and heading "
         "does not exist, so there is nothing to evaluate",
     )
+    if against is None:
+        return float("nan")
     heading = record.heading if against == "truth" else record.heading_reference
     if heading is None:
-        raise InputError(
-            f"{record.name}'s heading", "(unknown)", "", "give log.heading_deg to have errors"
-        )
+        raise InputError(f"{record.name}'s heading", "(unknown)", "", f"it has no {against}")
     return heading

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from lbgc.outputs import as_json
+
 _VARIABLE = "LBGC_SWEEP"
 
 
@@ -48,7 +50,7 @@ def report(job: Ended) -> None:
     directory = Path(os.environ[_VARIABLE])
     directory.mkdir(parents=True, exist_ok=True)
     partial = directory / f".{job.number}"
-    partial.write_text(json.dumps(vars(job)))
+    partial.write_text(as_json(vars(job)))
     partial.replace(directory / f"{job.number}.json")
 
 

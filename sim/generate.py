@@ -7,9 +7,9 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import zarr
 from threadpoolctl import threadpool_limits
@@ -249,7 +249,7 @@ def _recipe() -> dict:
     return {
         "versions": {
             "lbgc": lbgc.__version__,
-            "mujoco": mujoco.__version__,
+            "mujoco": version("mujoco"),
             "numpy": np.__version__,
             "zarr": zarr.__version__,
         }

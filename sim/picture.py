@@ -6,6 +6,8 @@ from pathlib import Path
 
 from sim.scene import SceneConfig
 
+_LONGEST_S = 120
+
 
 def try_picture(out: Path, config: SceneConfig) -> str | None:
     """Render in a process of its own, so that a graphics driver's crash costs a picture only.
@@ -15,7 +17,12 @@ def try_picture(out: Path, config: SceneConfig) -> str | None:
     script = Path(__file__).with_name("scene.py")
     # Of all that a scene has, the arms are what one sees.
     command = [sys.executable, str(script), f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
+    except subprocess.TimeoutExpired:
+        return f"it was not there after {_LONGEST_S} s; python sim/scene.py out=PATH draws one"
+    except OSError as error:
+        return str(error)
     if done.returncode == 0 and out.exists():
         return None
     return (done.stderr.strip().splitlines() or ["it crashed"])[-1]

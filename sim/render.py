@@ -16,7 +16,7 @@ from tqdm import tqdm
 from lbgc.errors import InputError, require
 from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.sensor.streams import Purpose, recording
-from sim import motion
+from sim import motion, opengl
 from sim.physics import execute
 from sim.poses import Bench
 from sim.scene import SceneConfig, load
@@ -122,6 +122,8 @@ def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> It
 
     quick : coarser shadows and edges, for a film.
     """
+    if opengl.lacking is not None:
+        raise _cannot(opengl.lacking)
     model = copy.copy(load(config.scene, 9.8))
     if quick:
         model.vis.quality.shadowsize, model.vis.quality.offsamples = 2048, 2
@@ -134,13 +136,17 @@ def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> It
                 renderer.update_scene(data, camera="overview")
                 yield renderer.render()
     except Exception as error:  # each backend fails in a way of its own
-        raise InputError(
-            "MUJOCO_GL",
-            os.environ.get("MUJOCO_GL", "(not set)"),
-            "",
-            f"cannot render here ({type(error).__name__}: {error}); install libosmesa6, or libegl1 "
-            "and libgl1-mesa-dri, and set MUJOCO_GL to osmesa or egl",
-        ) from error
+        raise _cannot(f"{type(error).__name__}: {error}") from error
+
+
+def _cannot(why: str) -> InputError:
+    return InputError(
+        "MUJOCO_GL",
+        os.environ.get("MUJOCO_GL", "(not set)"),
+        "",
+        f"cannot render here ({why}); install libosmesa6, or libegl1 and libgl1-mesa-dri, and set "
+        "MUJOCO_GL to osmesa or egl",
+    )
 
 
 def look_round(config: ViewConfig) -> None:

@@ -4,9 +4,7 @@ python sim/scene.py
 python sim/scene.py out=scene.png
 """
 
-import ctypes.util
 import math
-import os
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -17,15 +15,11 @@ from lbgc.errors import (
     require_positive,
     run_main,
 )
+from sim import opengl
 from sim.disturbance import FloorConfig
 from sim.sway import JOINTS, SwayConfig
 
-_BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
-if "MUJOCO_GL" not in os.environ:  # MuJoCo chooses how it renders when it is imported
-    for _name, _library in _BACKENDS.items():
-        if ctypes.util.find_library(_library):
-            os.environ["MUJOCO_GL"] = _name
-            break
+opengl.settle()
 
 import mujoco  # noqa: E402
 import numpy as np  # noqa: E402

@@ -13,12 +13,14 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.train import TrainConfig
 
 
-def finished(home, name: str, seed: int, hidden: int, error: float) -> None:
+def finished(
+    home, name: str, seed: int, hidden: int, error: float, dataset: str | list[str] = "one"
+) -> None:
     model = ModelConfig(name, hidden=hidden, layers=1)
     said = {
         "model": asdict(model),
         "training": asdict(TrainConfig(data="x", seed=seed, model=model)),
-        "dataset": "one",
+        "dataset": dataset,
         "protocol": "static",
         "latitude_deg": [32.76, 32.76],
         "rate_hz": 0.2,
@@ -52,6 +54,12 @@ def test_seeds_share_a_row(tmp_path, monkeypatch, capsys):
     path = main(CompareConfig("t"))
     assert len(path.read_text().splitlines()) == 3
     assert "small" in capsys.readouterr().out
+
+
+def test_runs_of_one_dataset_and_of_several_share_a_table(tmp_path):
+    finished(tmp_path, "one", 1, 4, 2.0)
+    finished(tmp_path, "several", 1, 4, 1.0, ["one", "other"])
+    assert {row.dataset for row in compare(runs(tmp_path))} == {"one", "one+other"}
 
 
 def test_no_runs_are_an_error(tmp_path):

@@ -18,7 +18,8 @@ from lbgc.bound import course_of, crlb
 from lbgc.data.logs import LogConfig
 from lbgc.errors import build
 from lbgc.estimators.course import Site
-from lbgc.estimators.information import information, known
+from lbgc.estimators.information import known
+from lbgc.estimators.optimal import information
 from lbgc.evaluate import KNOWN, EvaluateConfig
 from lbgc.metrics import heading_errors, summarise
 from lbgc.protocol import ProtocolConfig
@@ -125,10 +126,11 @@ def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
 
 
 def test_every_log_field_changes_the_record_or_is_refused(tmp_path):
-    """What each field does is in test_logs; here: that none is forgotten."""
-    import test_logs
-
-    source = Path(test_logs.__file__).read_text()
+    """What each field does is in other tests; here: that none is forgotten."""
+    here = Path(__file__).parent
+    source = "".join(
+        path.read_text() for path in here.glob("test_*.py") if path.name != "test_evaluate.py"
+    )
     named = {f.name for f in fields(LogConfig)} - {"name"}
     assert {n for n in named if n not in source} == set()
 
@@ -160,9 +162,32 @@ def test_a_log_shorter_than_the_shortest_window_is_refused(cli, tmp_path):
     assert "the longest recording = 9 s: is shorter than the shortest window, 10 s" in done.err
 
 
-def test_a_log_without_heading_cannot_be_scored(cli, tmp_path):
+def test_a_log_without_heading_is_answered_and_not_scored(cli, tmp_path):
+    """Level, at 40 degrees: every window's heading and sigma, on the screen, in JSON, CSV and the
+    page; no error anywhere."""
     write(tmp_path / "log.csv", columns())
-    assert "give log.heading_deg" in cli("lbgc.evaluate", *CSV).err
+    done = cli("lbgc.evaluate", *CSV, "windows_s=[10,20]", "estimators=[mean,triad]")
+    said = results(done, tmp_path)
+    assert said["rows"] == []
+    assert said["against"] is None
+    assert [(r["estimator"], r["window_s"]) for r in said["headings"]][:2] == [
+        ("mean", 10.0), ("mean", 20.0)]  # fmt: skip
+    assert "no heading is known, so there are no errors; log.heading_deg gives one" in done.out
+    own = said["headings"][0]["recordings"][0]
+    assert own["windows"] == len(own["each"])
+    known = results(cli("lbgc.evaluate", *CSV, "log.heading_deg=40", "windows_s=[10]"), tmp_path)
+    with_csv = (tmp_path / done.last_line).with_name("windows.csv").read_text().splitlines()
+    line = dict(zip(with_csv[0].split(","), with_csv[1].split(","), strict=True))
+    assert line["heading_deg"] == line["error_deg"] == ""
+    assert float(line["estimate_deg"]) % 360 == pytest.approx(own["each"][0]["heading_deg"])
+    assert f"{own['each'][0]['heading_deg']:.2f}" in done.out or own["windows"] > 1
+    rmse = known["rows"][0]["rmse_deg"]
+    off = [(e["heading_deg"] - 40 + 180) % 360 - 180 for e in own["each"]]
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(rmse, abs=1e-5)
+    page = (tmp_path / done.last_line).read_text()
+    assert "Nothing is there to check the headings by" in page
+    assert "windows of 20 s" in page
+    assert "NSE" not in page
 
 
 @pytest.mark.parametrize(
@@ -275,7 +300,7 @@ def test_every_window_is_in_the_csv(cli, tmp_path, dataset):
             assert low <= row[name] <= high, name
     for by_error in said["time_to_reach"].values():
         for reach in by_error.values():
-            assert all(t == "never" or t.endswith(" s") for t in reach.values())
+            assert all(t.endswith(" s") for t in reach.values())
     starts = {float(line["start_s"]) for line in lines if line["window_s"] == "20"}
     assert starts == {0.0, 20.0, 40.0}
     assert len({line["recording"] for line in lines}) == len(dataset.in_split("test"))

@@ -15,7 +15,8 @@ from lbgc.errors import build
 from lbgc.fit import FitConfig
 from lbgc.report import fitted
 from lbgc.report.fitted_yaml import sensor_yaml
-from lbgc.sensor import axes, fitting, gaussian, likelihood, shapes
+from lbgc.sensor import axes, fitting, gaussian, shapes
+from lbgc.sensor.cosines import Grid, density
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.noise import (
     AngleQuantisation,
@@ -37,7 +38,8 @@ def series(terms, rng, seconds: int = HOUR, count: int = 1, rate: int = RATE) ->
 
 
 @pytest.mark.parametrize(
-    "term", [White(1.3), Flicker(0.7), RandomWalk(0.2), GaussMarkov(0.8, 2.0)],
+    "term", [White(1.3), Flicker(0.7), RandomWalk(0.2), GaussMarkov(0.8, 2.0),
+             AngleQuantisation(0.3), BandLimited(1.0, 0.4), BandLimited(1.0, 9.0, 2.0)],
     ids=lambda t: type(t).__name__,
 )  # fmt: skip
 def test_predicted_variances_of_the_low_coefficients_are_exact(term):
@@ -47,7 +49,8 @@ def test_predicted_variances_of_the_low_coefficients_are_exact(term):
     n, h = 64, 3.0
     covariance = gaussian.covariance_of_means((term,), n, h)
     exact = np.diag(scipy.fft.dctn(covariance, norm="ortho"))[1:] * h
-    np.testing.assert_allclose(likelihood.low_variance(term, n, h, n - 1), exact, rtol=1e-9)
+    grid = Grid(n, h, np.arange(1, n), np.ones(n - 1))
+    np.testing.assert_allclose(density(term, grid), exact, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -61,19 +64,10 @@ def test_predicted_variances_of_the_low_coefficients_are_exact(term):
 def test_predicted_variances_are_those_of_drawn_series(terms, rng):
     """Summed over ten groups of ordinates of 40 series: relative sd sqrt(2/count), 4.5 of them."""
     data = pooled(series(terms, rng, 600, 40), 1 / RATE)
-    empty = likelihood.Likelihood(data, [])
-    predicted = sum(
-        np.concatenate(
-            [
-                likelihood.low_variance(t, data.blocks, data.interval, empty.lows),
-                likelihood.high_variance(t, data.f, data.dt),
-            ]
-        )
-        for t in terms
-    )
+    predicted = sum(density(t, data.grid) for t in terms)
     for group in np.array_split(np.arange(len(predicted)), 10):
-        count = empty.count[group].sum()
-        ratio = np.sum(empty.power[group] / predicted[group]) / count
+        count = data.count[group].sum()
+        ratio = np.sum(data.power[group] / predicted[group]) / count
         assert abs(ratio - 1) < 4.5 * np.sqrt(2 / count) + 0.01
 
 

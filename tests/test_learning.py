@@ -429,6 +429,7 @@ def test_features_are_normalised_by_physics():
         (("data=x", "windows_s=[]"), "must name a length"),
         (("data=x", "steps=0"), "steps = 0: must be greater than zero"),
         (("data=x", "model=transformer"), "bilstm_16"),
+        (("data=x", "model.name=floor"), "model.name = floor: is an estimator's"),
         (("data=x", "model.output=radians"), "choose from sincos, degrees, vonmises"),
         (("data=x", "model.channels=[magnetometer]"), "choose from gyro, accel, plate"),
         (("data=x", "augment.form=wrong"), "choose from earth, literal"),
@@ -440,6 +441,15 @@ def test_bad_training_input_is_named(cli, tmp_path, options, says):
     assert done.code == 2
     assert says in done.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_diverged_training_says_so(cli, tmp_path):
+    size = {"recordings": 20, "output": "means", "duration_s": 20.0, "split": [50, 30, 20]}
+    generate(tmp_path / "d.zarr", **size)
+    done = cli("lbgc.train", "data=d.zarr", "learning_rate=1e30", "steps=9", "windows_s=[20]")
+    assert done.code == 2
+    assert "learning_rate = 1e+30: training diverged at step" in done.err
+    assert not list(tmp_path.glob("outputs/train/*/model.json"))
 
 
 def test_unsuitable_datasets_are_refused(cli, tmp_path):

@@ -220,6 +220,20 @@ def test_friction_slows_the_plate_and_lets_it_rest():
     assert lag[0.5] == pytest.approx(0.5 / 60 + viscous, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("angles_deg", "physics_hz"), [((0, 90, 270), 1200), ((0, 5, 355), 600), ((720, -450), 2400)]
+)
+def test_it_comes_to_rest_wherever_it_is_sent(angles_deg, physics_hz):
+    """A velocity that moves a large angle by less than its last bit never dies: that is rest."""
+    bench = Bench(SceneConfig(physics_hz=physics_hz), physics_hz / 4, 75 * physics_hz // 4)
+    planned = plan(ProtocolConfig(kind="indexed", angles_deg=angles_deg, dwell_s=5.0), 0, 75.0)
+    executed = execute(bench, 9.8, planned)
+    last = executed.stretches[-1]
+    assert (last.stage == REST).all()
+    assert last.samples > 8 * bench.rate_hz, "it rests soon after the slew"
+    assert last.poses.angle[-1] == pytest.approx(planned.command(np.array(75.0))[0], abs=1e-11)
+
+
 def test_the_servo_overshoots_and_a_stiffer_one_less():
     def overshoot(stiffness):
         scene = replace(SCENE, servo_stiffness_nm_per_rad=stiffness)

@@ -10,6 +10,8 @@ from helpers import ROOT
 from PIL import Image
 
 from lbgc.report.figures import strips
+from sim.picture import try_picture
+from sim.scene import SceneConfig
 
 
 def scene(tmp_path, *options, **environment) -> subprocess.CompletedProcess:
@@ -35,12 +37,32 @@ def test_a_picture_is_written_or_the_missing_library_named(tmp_path, out):
     assert done.stdout.strip().endswith(out)
 
 
-def test_where_nothing_can_render_it_says_what_to_install(tmp_path):
-    done = scene(tmp_path, "out=scene.png", MUJOCO_GL="disable")
+@pytest.mark.parametrize("renderer", ["disable", "nonsense"])
+def test_where_nothing_can_render_it_says_what_to_install(tmp_path, renderer):
+    done = scene(tmp_path, "out=scene.png", MUJOCO_GL=renderer)
     assert done.returncode == 2
-    assert "MUJOCO_GL = disable: cannot render here" in done.stderr
+    assert f"MUJOCO_GL = {renderer}: cannot render here" in done.stderr
     assert "libosmesa6" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_renderer_that_is_not_there_costs_a_picture_and_nothing_else(tmp_path):
+    """MuJoCo's own import fails without OSMesa, or a renderer that it knows."""
+    command = [sys.executable, str(ROOT / "sim/generate.py"), "recordings=2", "rate_hz=25",
+               "duration_s=10", "out=d.zarr"]  # fmt: skip
+    environment = os.environ | {"MUJOCO_GL": "nonsense"}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "no picture of the scene: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_picture_that_takes_too_long_does_not_fail_its_dataset(tmp_path, monkeypatch):
+    def never(*_, timeout, **__):
+        raise subprocess.TimeoutExpired("scene.py", timeout)
+
+    monkeypatch.setattr(subprocess, "run", never)
+    assert "not there after 120 s" in try_picture(tmp_path / "d.png", SceneConfig())
 
 
 def test_without_a_display_the_window_is_refused(cli, monkeypatch):

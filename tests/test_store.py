@@ -42,7 +42,7 @@ def dataset(tmp_path) -> Dataset:
 
 
 def test_xarray_opens_it_with_units_and_names_on_every_variable(dataset):
-    opened = xarray.open_zarr(dataset.path, consolidated=False)
+    opened = xarray.open_zarr(dataset.path)
     assert set(VARIABLES) <= set(opened.variables)
     for name, variable in opened.variables.items():
         assert variable.attrs["units"], name
@@ -53,7 +53,7 @@ def test_xarray_opens_it_with_units_and_names_on_every_variable(dataset):
 
 
 def test_counts_are_decoded_and_zeros_are_not_missing(dataset):
-    opened = xarray.open_zarr(dataset.path, consolidated=False)
+    opened = xarray.open_zarr(dataset.path)
     assert opened["gyro"].dtype == np.float64
     first = batch(LAYOUT, 0)
     np.testing.assert_allclose(opened["gyro"][:512].values, first["gyro"] * 1e-6)

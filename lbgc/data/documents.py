@@ -3,6 +3,7 @@
 With `store.py` the only file that touches Zarr.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import MemoryStore
 
 from lbgc.data.schema import AXES, RECORDED, VARIABLES
+from lbgc.outputs import as_json
 
 _SHARD_BYTES = 64e6
 _SHARD_RECORDINGS = 16
@@ -105,7 +107,18 @@ def documents(layout: Layout, attributes: Mapping) -> dict[str, bytes]:
         own = alike[kind].metadata.update_attributes(_attributes(name, layout))
         files[f"{name}/zarr.json"] = own.to_buffer_dict(default_buffer_prototype())["zarr.json"]
     _create_coordinates(root, layout)
-    return {name: files[name].to_bytes() for name in DOCUMENTS}
+    made = {name: content.to_bytes() for name, content in files.items()}
+    made["zarr.json"] = _consolidated(made)
+    return {name: made[name] for name in DOCUMENTS}
+
+
+def _consolidated(made: Mapping[str, bytes]) -> bytes:
+    """The root's document with what all others say in it, as Zarr-Python and xarray look for it
+    first. Here nothing is read from it: the documents themselves have checksums."""
+    own = "/zarr.json"
+    inner = {n.removesuffix(own): json.loads(made[n]) for n in sorted(made) if n.endswith(own)}
+    told = {"kind": "inline", "must_understand": False, "metadata": inner}
+    return as_json({**json.loads(made["zarr.json"]), "consolidated_metadata": told}).encode()
 
 
 def _attributes(name: str, layout: Layout) -> dict[str, Any]:

@@ -1,10 +1,12 @@
 """What a user says of a log: where it is, how it is laid out, its units and axes."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from lbgc.data.axes import is_right_handed, require_axes
+from lbgc.data.clock import TIME_UNITS
 from lbgc.data.findings import CHECKS
 from lbgc.errors import require, require_choice, require_positive
 from lbgc.units import ANGLE_UNITS, FORCE_UNITS, RATE_UNITS, VELOCITY_UNITS
@@ -12,6 +14,9 @@ from lbgc.units import ANGLE_UNITS, FORCE_UNITS, RATE_UNITS, VELOCITY_UNITS
 GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
 ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
 READERS = ("table", "recordings", "psins")
+GAPS = ("refuse", "join", "longest", "split")
+REPEATS = ("auto", "drop", "keep")
+DEFAULT_GYRO, DEFAULT_ACCEL = ("w_x", "w_y", "w_z"), ("f_x", "f_y", "f_z")
 
 
 @dataclass(frozen=True)
@@ -25,14 +30,28 @@ class LogConfig:
     `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
     path: str = ""
     """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS."""
-    gyro_columns: list[str] = field(default_factory=lambda: ["w_x", "w_y", "w_z"])
+    gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
+    """The file's x, y and z. Where it has none of the default ones, names such as gx (deg/s),
+    gyro_x or angular_velocity.x are found."""
+    accel_columns: list[str] = field(default_factory=lambda: list(DEFAULT_ACCEL))
     """The file's x, y and z."""
-    accel_columns: list[str] = field(default_factory=lambda: ["f_x", "f_y", "f_z"])
-    """The file's x, y and z."""
-    time_column: str | None = None
-    """Seconds; null where the file has none."""
+    columns: list[Any] | None = None
+    """All six instead: names, or positions counted from one."""
+    time_column: Any = None
+    """Its name or position, or [seconds, nanoseconds] of two; null: found by its name, if there;
+    none: not used."""
+    time_unit: str = "auto"
+    """Of TIME_UNITS; auto: as the column's name says, or the one that makes sense."""
+    gaps: str = "refuse"
+    """A log with holes: refuse, read its longest piece, split into pieces, or join as if nothing
+    were missing. Up to ten samples here and there, a percent of all, are read over."""
+    repeats: str = "auto"
+    """Rows that are printed again until the sensor's next sample. auto: read at the sensor's own
+    rate where they repeat regularly, refused else; drop: rows like the one before are left out;
+    keep: each row is a sample."""
     gyro_unit: str = "rad/s"
-    """Of a rate, or of an increment a sample (rad, deg, arcsec)."""
+    """Of a rate, or of an increment a sample (rad, deg, arcsec); auto: as the columns' names say,
+    deg/s where they say nothing."""
     accel_unit: str = "m/s2"
     """Of a specific force, or of an increment a sample (m/s, g*s, ug*s); auto: m/s2 or g,
     whichever makes the log rest at 1 g."""
@@ -63,8 +82,12 @@ class LogConfig:
         for name in ("gyro_columns", "accel_columns"):
             columns = getattr(self, name)
             require(len(set(columns)) == 3, name, columns, "must be three column names")
-        require_choice("gyro_unit", self.gyro_unit, list(GYRO_UNITS))
+        require_choice("gyro_unit", self.gyro_unit, ["auto", *GYRO_UNITS])
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
+        _require_columns(self.columns, self.time_column)
+        require_choice("time_unit", self.time_unit, ["auto", *TIME_UNITS])
+        require_choice("gaps", self.gaps, GAPS)
+        require_choice("repeats", self.repeats, REPEATS)
         require_axes("axes", self.axes)
         if self.accel_axes is None:
             right = is_right_handed(self.axes)
@@ -84,3 +107,17 @@ class LogConfig:
             require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
         if self.latitude is not None:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+
+
+def _require_columns(columns: list[Any] | None, time: Any) -> None:
+    """Names, or positions from one."""
+    if columns is not None:
+        six = len(columns) == 6 and len(set(map(str, columns))) == 6
+        require(six, "columns", columns, "must be six: gyro x, y, z, accelerometer x, y, z")
+    times = time if isinstance(time, list) else [] if time is None else [time]
+    good = isinstance(time, list) is (len(times) == 2)
+    require(good, "time_column", time, "must be one column, or [seconds, nanoseconds]")
+    for key, given in (("columns", columns or []), ("time_column", times)):
+        for name in given:
+            known = isinstance(name, str) or (type(name) is int and name > 0)
+            require(known, key, name, "must be a name, or a position counted from one")

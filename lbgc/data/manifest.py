@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from lbgc.data.place import Place, is_partial
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.errors import InputError, require
-from lbgc.outputs import UNSEALED, fingerprint, is_sealed, seal
+from lbgc.outputs import UNSEALED, as_json, fingerprint, is_sealed, seal
 
 ROOT = "zarr.json"
 MANIFEST = "manifest/zarr.json"
@@ -33,7 +33,7 @@ def compose(identity: str, documents: Mapping[str, bytes]) -> bytes:
         "checksum": UNSEALED,
     }
     group = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
-    return seal(json.dumps(group, indent=2).encode())
+    return seal(as_json(group).encode())
 
 
 def _attributes(content: bytes | None) -> Mapping | None:

@@ -93,7 +93,7 @@ class _Own(LocalStore):
 
 def _group(place: Place, mode: Literal["r", "r+"]) -> zarr.Group:
     where = str(place) if place.local is None else _Own(place.local, read_only=mode == "r")
-    return zarr.open_group(where, mode=mode, zarr_format=3)
+    return zarr.open_group(where, mode=mode, zarr_format=3, use_consolidated=False)
 
 
 def damaged_documents(place: Place) -> list[str]:

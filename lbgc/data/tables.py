@@ -1,6 +1,5 @@
-"""CSV and Parquet files: named columns of numbers."""
+"""Parquet files, and rows of text whose layout is known: columns of numbers. Arrow's only room."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -9,36 +8,60 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from lbgc.errors import InputError, reading, require
+from lbgc.errors import reading
 
 Table: TypeAlias = pa.Table
 
+_KINDS = {"number": pa.float64(), "stamp": pa.int64()}
 
-def read(path: Path, key: str = "log.path") -> Table:
-    """The whole file, by its ending. Raises InputError, naming it by `key`."""
+
+def read_parquet(path: Path, key: str) -> Table:
+    """The whole file. Raises InputError, naming it by `key`."""
     with reading(key, path), pa.OSFile(str(path)) as file:
-        parquet = path.suffix == ".parquet"
-        table = pa.parquet.ParquetFile(file).read() if parquet else pa.csv.read_csv(file)
+        table = pa.parquet.ParquetFile(file).read()
         _ = table.column_names  # decoded only now
         return table
 
 
-def columns(table: Table, key: str, names: Sequence[str], file: str) -> np.ndarray:
-    """These columns as float (rows, columns). Raises InputError where one is missing, stands there
-    twice, or holds no numbers."""
-    for column in names:
-        if column not in table.column_names:
-            raise InputError(
-                key,
-                column,
-                "",
-                f"is no column of {file}; it has "
-                + ", ".join(c or "(unnamed)" for c in table.column_names),
-            )
-        require(table.column_names.count(column) == 1, key, column, f"stands in {file} twice")
-        kind = table.schema.field(column).type
-        is_number = pa.types.is_integer(kind) or pa.types.is_floating(kind)
-        require(is_number, key, column, f"of {file} holds {kind}, not numbers")
-    with reading(key, names):
-        arrays = [table[c].to_numpy(zero_copy_only=False).astype(np.float64) for c in names]
-        return np.stack(arrays, axis=1)
+def parsed(
+    body: bytes, separator: str, decimal: str, width: int, kinds: dict[int, str]
+) -> list[np.ndarray] | None:
+    """Columns of rows of text, by position; kinds : number, stamp (int64), or text, which may turn
+    out to be a date. None where the rows do not fit."""
+    names = [str(at) for at in range(width)]
+    types = {str(at): _KINDS[kind] for at, kind in kinds.items() if kind in _KINDS}
+    try:
+        table = pa.csv.read_csv(
+            pa.BufferReader(body),
+            pa.csv.ReadOptions(column_names=names, block_size=2**23),
+            pa.csv.ParseOptions(delimiter=separator),
+            pa.csv.ConvertOptions(
+                column_types=types,
+                include_columns=[str(at) for at in kinds],
+                decimal_point=decimal,
+            ),
+        )
+        return [_array(table[str(at)]) for at in kinds]
+    except (pa.ArrowInvalid, OverflowError):
+        return None
+
+
+def column(table: Table, at: int) -> np.ndarray:
+    """A column by its position: float64, int64, datetime64, or text where it is no number."""
+    with reading("log.path", table.column_names[at]):
+        return _array(table.column(at))
+
+
+def _array(values: pa.ChunkedArray) -> np.ndarray:
+    kind = values.type
+    if pa.types.is_timestamp(kind):
+        return values.cast(pa.timestamp("ns")).to_numpy()
+    if pa.types.is_time(kind):
+        unit = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[kind.unit]
+        whole = values.cast(pa.int32() if pa.types.is_time32(kind) else pa.int64())
+        return (whole.to_numpy().astype(np.int64) * unit).view("timedelta64[ns]")
+    if pa.types.is_integer(kind) and values.null_count == 0:
+        return values.to_numpy().astype(np.int64)
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        return values.to_numpy().astype(np.float64)
+    return np.asarray(values.cast(pa.string()).to_pylist(), dtype=object)

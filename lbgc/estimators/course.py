@@ -1,10 +1,14 @@
-"""How a window's blocks lie in time and on the plate, and its sensors' means over them, levelled.
+"""How a window's parts lie in time and on the plate, and its sensors' means over them.
 
-Whatever asks a window of a level or nearly level bench for its heading sees it so: some hundred
-block means, in axes that are level and turn with the plate.
+Whatever asks a window of a bench for its heading sees it so: some hundred block means at rest or in
+steady motion, in the body's axes, which turn with the plate; and each slew from rest to rest as
+one mean more.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import compress, pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -14,6 +18,8 @@ from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix, turned, unrepeated
 
 MOST_BLOCKS = 240
+ENCODER = np.deg2rad(0.01)
+"""rad, 1 sigma, of a plate's angle as an encoder tells it."""
 _RESTS = np.deg2rad(1e-4)
 """Of travel from block to block."""
 _STEADY = np.deg2rad(0.003)
@@ -21,6 +27,10 @@ _STEADY = np.deg2rad(0.003)
 _ALONE = np.deg2rad(1e-6)
 """Of either, where one neighbour alone tells: a slew that begins in a block's last hundredth moves
 its mean angle by little more than that, and its mean rate by much."""
+_PARTS = ("blocks", "lengths", "angle", "rate", "turned", "squared", "unsure")
+_Part: TypeAlias = tuple[int, int, float, float, complex, float, float]
+_TOLD = np.deg2rad(50.0)
+"""Of travel from sample to sample: above it a slew's mean cosine does not follow from them."""
 
 
 @dataclass(frozen=True)
@@ -50,55 +60,131 @@ class Site:
 
 @dataclass(frozen=True)
 class Course:
-    """Where n blocks of one window lie. Hashable, so that what follows from it is worked out once
-    for all windows that are alike."""
+    """Where n parts of one window lie: blocks, and slews that take several. Hashable, so that what
+    follows from it is worked out once for all windows that are alike."""
 
     interval: float
     """s, of a block"""
     start: int
     """blocks between the recording's start and the window's"""
     blocks: tuple[int, ...]
-    """which of the window's blocks these are, (n,)"""
+    """which of the window's blocks each part begins with, (n,)"""
+    lengths: tuple[int, ...]
+    """how many blocks each takes, (n,): one, but for slews"""
     angle: tuple[float, ...]
-    """(n,), rad, the plate's, mean over the block"""
+    """(n,), rad, the plate's, mean over the part"""
     rate: tuple[float, ...]
-    """(n,), rad/s, the plate's; zero at rest"""
+    """(n,), rad/s, the plate's, likewise; zero at rest"""
+    turned: tuple[complex, ...]
+    """(n,), mean of exp(i plate's angle) over the part"""
+    squared: tuple[float, ...]
+    """(n,), (rad/s)^2, mean of the rate's square"""
+    unsure: tuple[float, ...]
+    """(n,), 1 sigma of `turned`: of a slew that is told by few samples"""
 
     @property
     def c(self) -> np.ndarray:
-        """Mean of cos(plate angle) over each block, (n,): it turns evenly within one."""
-        return np.cos(self.angle) * self._shortened
+        """Mean of cos(plate angle) over each part, (n,)."""
+        return np.array(self.turned, complex).real
 
     @property
     def s(self) -> np.ndarray:
-        return np.sin(self.angle) * self._shortened
+        return np.array(self.turned, complex).imag
 
     @property
-    def _shortened(self) -> np.ndarray:
-        return np.sinc(np.array(self.rate) * self.interval / (2 * np.pi))
+    def slewing(self) -> np.ndarray:
+        """Which parts are slews, bool (n,)."""
+        return np.array(self.lengths, int) > 1
 
     @property
     def resting(self) -> np.ndarray:
-        return np.array(self.rate) == 0.0
+        return (np.array(self.rate) == 0.0) & ~self.slewing
+
+    @property
+    def count(self) -> int:
+        """Blocks from the window's start to the last part's end."""
+        return self.blocks[-1] + self.lengths[-1]
+
+    def averaged(self) -> np.ndarray:
+        """What makes the parts' means of the blocks', (n, count)."""
+        matrix = np.zeros((len(self.blocks), self.count))
+        for row, first, length in zip(matrix, self.blocks, self.lengths, strict=True):
+            row[first : first + length] = 1 / length
+        return matrix
+
+    def encoder_errors(self) -> np.ndarray:
+        """What an error of the plate's angle in each block makes of the parts' rates, (n, count
+        + 2), 1/s, with a block more at either end; nothing at rest, where the rate is known."""
+        matrix = np.zeros((len(self.blocks), self.count + 2))
+        resting = self.resting
+        for k, (first, length) in enumerate(zip(self.blocks, self.lengths, strict=True)):
+            if not resting[k]:
+                over = (length if length > 1 else 2) * self.interval
+                matrix[k, first + length + 1], matrix[k, first] = 1 / over, -1 / over
+        return matrix
 
     def only(self, which: np.ndarray) -> "Course":
         """The part of it where `which`, bool (n,), is true."""
-        kept = [np.array(part)[which].tolist() for part in (self.blocks, self.angle, self.rate)]
-        return Course(self.interval, self.start, *(tuple(part) for part in kept))
+        every = zip(*(getattr(self, name) for name in _PARTS), strict=True)
+        return Course(self.interval, self.start, *_columns(compress(every, which)))
 
     @classmethod
-    def planned(cls, angle: np.ndarray, interval: float, start_s: float = 0.0) -> "Course":
-        """Of block means of the plate's angle, (n,), rad, unwrapped.
+    def planned(
+        cls,
+        angle: np.ndarray,
+        interval: float,
+        start_s: float = 0.0,
+        size: int = 1,
+        settling: np.ndarray | None = None,
+    ) -> "Course":
+        """Of means of the plate's angle over samples, (n size,), rad, unwrapped.
 
-        Left out are blocks in which the plate speeds up or slows down, and slews between rests: a
-        gyro's misalignment, or the base's lean, times a slew's rate is far above what they could
-        tell of north. The rests next to them stay in: where the noise wanders, those tell most.
+        interval : s, of a block of `size` samples; settling : bool (n,), blocks in which the plate
+        is not at rest yet although its angle does not show it.
+
+        Left out are blocks in which the plate speeds up or slows down, if they are not between two
+        rests: those together are a slew, in which the plate has travelled what lies between the
+        rests. Where samples are so long that its course does not show, a slew is left out, too.
         """
-        used, _ = usable(angle)
-        rate = travel_within(angle) / interval
-        start = round(start_s / interval)
-        every = cls(interval, start, tuple(range(len(angle))), tuple(angle), tuple(rate))
-        return every.only(used)
+        of_blocks = angle.reshape(-1, size).mean(axis=1)
+        used, resting = usable(of_blocks)
+        rate = travel_within(of_blocks) / interval
+        if settling is not None:
+            used = used & ~settling
+        turned = np.exp(1j * of_blocks) * np.sinc(rate * interval / (2 * np.pi))
+        single = ((int(k), 1, of_blocks[k], rate[k], turned[k]) for k in np.flatnonzero(used))
+        parts = [
+            (k, n, float(at), float(w), complex(mean), float(w**2), 0.0)
+            for k, n, at, w, mean in single
+        ]
+        edges = np.flatnonzero(np.diff(used.astype(int)))
+        for before, last in pairwise(edges):
+            if used[before] and resting[before] and resting[last + 1]:
+                parts += _slew(angle, of_blocks, size, interval, int(before), int(last))
+        parts.sort(key=lambda part: part[0])
+        return cls(interval, round(start_s / interval), *_columns(parts))
+
+
+def _slew(
+    angle: np.ndarray, of_blocks: np.ndarray, size: int, interval: float, before: int, last: int
+) -> list[_Part]:
+    """The slew between the rests of blocks `before` and `last` + 1, as one part, or none."""
+    length = last - before
+    samples = angle[(before + 1) * size : (last + 1) * size]
+    around = angle[(before + 1) * size - 1 : (last + 1) * size + 1]
+    if length < 2 or np.abs(np.diff(around)).max() > _TOLD:
+        return []
+    travel = (around[2:] - around[:-2]) / 2
+    turned = np.mean(np.exp(1j * samples) * np.sinc(travel / (2 * np.pi)))
+    rate = (of_blocks[last + 1] - of_blocks[before]) / (length * interval)
+    squared = np.mean((travel * size / interval) ** 2)
+    unsure = np.mean(travel**2) / 24  # what a steady rate within each sample has done to it
+    return [(before + 1, length, float(samples.mean()), float(rate), complex(turned),
+             float(squared), float(unsure))]  # fmt: skip
+
+
+def _columns(parts: Iterable[_Part]) -> tuple[tuple[Any, ...], ...]:
+    return tuple(zip(*parts, strict=True)) or ((),) * len(_PARTS)
 
 
 def usable(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,57 +225,86 @@ class Levelled:
     site: Site
     rows: np.ndarray
     """which windows these are, (V,)"""
-    data: np.ndarray
-    """(V, 4, n): forward and right rate, rad/s, forward and right specific force, m/s^2, in level
-    axes that turn with the plate; the plate's own rate taken off"""
-    tilt: np.ndarray
-    """(V,), rad, of the base"""
+    body: np.ndarray
+    """(V, 6, n): rate, rad/s, and specific force, m/s^2, forward, right and down in the body's
+    axes; the plate's own rate taken off"""
+    base: np.ndarray
+    """(V, 3, 3), from the base's axes to level ones, as the accelerometers have it"""
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """(V,), rad, of the base"""
+        return np.asarray(np.arccos(np.clip(self.base[:, 2, 2], -1, 1)))
+
+    @property
+    def data(self) -> np.ndarray:
+        """(V, 4, n): forward and right rate, rad/s, forward and right specific force, m/s^2, in
+        level axes that turn with the plate."""
+        at = np.array(self.course.angle)[None]
+        both = (np.moveaxis(self.body[:, rows], 1, -1) for rows in (slice(3), slice(3, 6)))
+        return np.concatenate([_turned_level(v, at, self.base) for v in both], axis=1)
 
     def only(self, which: np.ndarray) -> "Levelled":
-        """The blocks where `which`, bool (n,), is true."""
-        return replace(self, course=self.course.only(which), data=self.data[:, :, which])
+        """The parts where `which`, bool (n,), is true."""
+        return replace(self, course=self.course.only(which), body=self.body[:, :, which])
+
+    def some(self, which: np.ndarray) -> "Levelled":
+        """Some of the windows, bool (V,)."""
+        return replace(self, rows=self.rows[which], body=self.body[which], base=self.base[which])
 
 
 def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     """The windows by course and latitude. sample_s : the sensor's own interval, where the windows
     hold means.
 
-    The base's tilt is levelled out exactly, by its mean specific force in the base's axes; what it
-    leaves is small, and linear models (lbgc.estimators.information) may have it.
+    The base's tilt is found by its mean specific force in the base's axes; what that leaves is
+    small, and linear models (lbgc.estimators.optimal) have it. What is left over behind the last
+    whole block is cut.
     """
-    size = _block(windows.gyro.shape[1], MOST_BLOCKS)
+    size = block_size(windows.gyro.shape[1])
     w, n = len(windows), windows.gyro.shape[1] // size
 
     def mean(values: np.ndarray) -> np.ndarray:
-        blocks = values.reshape(w, n, size, *values.shape[2:])
+        blocks = values[:, : n * size].reshape(w, n, size, *values.shape[2:])
         return blocks[:, :, 0].astype(float) if size == 1 else blocks.mean(axis=2, dtype=float)
 
-    angle = mean(mean_angle(windows.plate_angle, windows.rate_hz, sample_s))
+    samples = mean_angle(windows.plate_angle, windows.rate_hz, sample_s)[:, : n * size]
+    angle = mean(samples)
     gyro, accel = mean(windows.gyro), mean(windows.accel)
     interval = size / windows.rate_hz
-    gyro[..., 2] -= travel_within(angle) / interval
-    at = unrepeated(angle)
-    tilt = tilt_of(at, accel)
-    data = np.concatenate([_turned_level(v, at, tilt) for v in (gyro, accel)], axis=1)
-    lean = np.arccos(np.clip(tilt[:, 2, 2], -1, 1))
+    base = tilt_of(unrepeated(angle), accel)
+    body = np.concatenate([gyro, accel], axis=-1)
     alike = np.column_stack([windows.start_s, windows.latitude, angle.round(9)]) + 0.0  # no -0.0
     own: dict[bytes, list[int]] = {}
     for number, row in enumerate(alike):
         own.setdefault(row.tobytes(), []).append(number)
     groups: dict[tuple[Course, float], list[int]] = {}
     for rows in own.values():
-        start_s, latitude, *turns = alike[rows[0]]
-        course = Course.planned(np.array(turns), interval, float(start_s))
-        groups.setdefault((course, float(latitude)), []).extend(rows)
+        start_s, latitude = alike[rows[0], :2].tolist()
+        course = Course.planned(samples[rows[0]].round(9), interval, start_s, size)
+        groups.setdefault((course, latitude), []).extend(rows)
     return [
-        Levelled(c, Site.at(latitude), np.array(rows), data[rows][:, :, list(c.blocks)], lean[rows])
+        Levelled(c, Site.at(latitude), np.array(rows), _parts(body[rows], c), base[rows])
         for (c, latitude), rows in groups.items()
     ]
 
 
-def _block(samples: int, most: int) -> int:
-    """Samples of a block: the fewest that divide the window into at most `most`."""
-    return next(k for k in range(-(-samples // most), samples + 1) if samples % k == 0)
+def _parts(body: np.ndarray, course: Course) -> np.ndarray:
+    """The parts' means, (V, 6, n), of the blocks' (V, blocks, 6)."""
+    found = body[:, list(course.blocks)]
+    for k in np.flatnonzero(course.slewing):
+        first = course.blocks[k]
+        found[:, k] = body[:, first : first + course.lengths[k]].mean(axis=1)
+    found[..., 2] -= course.rate
+    return np.moveaxis(found, 1, 2)
+
+
+def block_size(samples: int) -> int:
+    """Samples of a block: the fewest that make at most 240 blocks of the window; a few more where
+    those divide it."""
+    least = -(-samples // MOST_BLOCKS)
+    whole = (k for k in range(least, least + least // 4 + 1) if samples % k == 0)
+    return next(whole, least)
 
 
 def mean_angle(reading: np.ndarray, rate_hz: float, sample_s: float | None) -> np.ndarray:

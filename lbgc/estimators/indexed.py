@@ -1,9 +1,10 @@
 """North from an IMU that a plate turns: what turns with the body is its bias, what does not, north.
 
 Each has a plain form (least squares, every block alike, biases free) and a weighted one (the same
-unknowns, weighted by the covariance of the sensor's errors). They need no latitude for the heading,
-work in both hemispheres, and take a base that leans by up to 10 degrees; beyond that a vertical
-gyro's errors, which their sigma does not have, turn the heading.
+unknowns, weighted by the covariance of the sensor's errors). All work in both hemispheres, and on a
+base that leans by up to 10 degrees. The plain ones need no latitude for the heading, and pay for
+it: on a lean they level the vertical gyro's errors into the horizontal rates, where no turn of the
+plate tells them from north. The weighted ones know Earth's vertical rate by the latitude.
 """
 
 from collections.abc import Callable
@@ -41,7 +42,7 @@ def positions(name: str, course: Course) -> np.ndarray:
 
 def turning(name: str, course: Course) -> np.ndarray:
     travel = float(np.ptp(course.angle)) if course.angle else 0.0
-    steady = ~course.resting
+    steady = ~course.resting & ~course.slewing
     if travel < np.pi or steady.sum() < 5:
         about = "of plate travel; it takes half a turn or more, at a steady rate"
         raise refusal(name, f"{np.rad2deg(travel):.3g}", "deg", about)

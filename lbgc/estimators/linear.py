@@ -14,8 +14,9 @@ from lbgc.earth import heading_exists
 from lbgc.estimators import circle
 from lbgc.estimators.course import Course, Levelled, Site, levelled
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.information import covariance, information, likeliest, turn
-from lbgc.frames import wrap
+from lbgc.estimators.information import likeliest
+from lbgc.estimators.optimal import apart, fitted, spread_of, told
+from lbgc.frames import euler_to_matrix, turned, wrap
 from lbgc.sensor.imu import ImuModel
 
 LEANS = np.deg2rad(10.0)
@@ -59,6 +60,23 @@ def needs_model(name: str, imu: ImuModel | None) -> ImuModel:
     return imu
 
 
+def turn(course: Course, site: Site) -> np.ndarray:
+    """Design, (4, n, 4), of data in level axes that turn with the plate, for q = (cos psi, sin psi)
+    and the tilt t that levelling left (small, unknown, the same in the base's axes all the time):
+
+        rate_k  = Omega cos(lat) R(theta_k) q - Omega sin(lat) P(theta_k) t
+        force_k =                                          -g  P(theta_k) t
+        R = [[cos, -sin], [-sin, -cos]],   P = [[cos, sin], [-sin, cos]]
+    """
+    c, s, none = course.c, course.s, np.zeros(len(course.blocks))
+    R = np.array([[c, -s], [-s, -c]])
+    P = np.array([[c, s], [-s, c]])
+    rows = [
+        [*(site.north * R[axis]), *(site.down * P[axis])] for axis in (0, 1)
+    ] + [[none, none, *(-site.gravity * P[axis])] for axis in (0, 1)]  # fmt: skip
+    return np.moveaxis(np.array(rows), 1, 2)
+
+
 @lru_cache(maxsize=64)
 def plain_weights(course: Course, site: Site, bias: bool) -> np.ndarray:
     """Least squares: (2, 4, n), weights that make (cos psi, sin psi) of the data.
@@ -95,7 +113,9 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
     z = np.einsum("ian,van->vi", weights, part.data)
     heading = np.arctan2(z[:, 1], z[:, 0])
     if imu is not None:
-        spread = _spread(imu, part.course, part.site, bias)
+        leans, which = apart(part.base)
+        each = [_spread(imu, part.course, part.site, bias, *lean) for lean in leans.tolist()]
+        spread = each[0] if len(each) == 1 else np.stack(each)[which]
     else:
         spread = _white(part, bias, weights, z)[:, None, None] * _of_each(weights)
         if not bias:
@@ -105,10 +125,17 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
 
 
 @lru_cache(maxsize=4096)  # of a log's windows each has a course of its own
-def _spread(imu: ImuModel, course: Course, site: Site, bias: bool) -> np.ndarray:
-    """Covariance of what the plain weights make of the data, (2, 2)."""
-    weights, C = plain_weights(course, site, bias), covariance(imu, course, site)
-    return np.einsum("iam,jam->ij", np.einsum("ian,anm->iam", weights, C), weights)
+def _spread(
+    imu: ImuModel, course: Course, site: Site, bias: bool, roll: float, pitch: float
+) -> np.ndarray:
+    """Covariance of what the plain weights make of the data, (2, 2), on a base that leans so, rad:
+    there a vertical gyro's errors are levelled into the horizontal ones."""
+    weights = plain_weights(course, site, bias).reshape(2, 2, 2, -1)  # of z, triad, axis, part
+    vectors = np.moveaxis(np.pad(weights, ((0, 0), (0, 0), (0, 1), (0, 0))), 2, 3)
+    angle = np.array(course.angle)
+    base_axes = turned(vectors, angle) @ euler_to_matrix(roll, pitch, 0.0)
+    body = np.moveaxis(turned(base_axes, -angle), 3, 2).reshape(2, 6, -1)
+    return spread_of(imu, course, site, body, (roll, pitch))
 
 
 def _white(part: Levelled, bias: bool, weights: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -131,4 +158,5 @@ def _of_each(weights: np.ndarray) -> np.ndarray:
 
 def weighted(part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:
     """The most likely heading under the sensor's covariance."""
-    return likeliest(information(imu, part.course, part.site, free_bias), part.data)
+    found = told(imu, part, True) if free_bias else fitted(imu, part)
+    return likeliest(found.h, found.J)

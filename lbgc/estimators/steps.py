@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.estimators.course import Course, mean_angle, tilt_of
+from lbgc.estimators.course import mean_angle, tilt_of, usable
 from lbgc.estimators.estimate import refusal
 from lbgc.estimators.longrun import velocity_noise
 from lbgc.frames import rotation_matrix, rotation_z
@@ -68,9 +68,8 @@ def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: st
         if moving:
             even[row] = _even(angle[row], size * dt)
             continue
-        course = Course.planned(angle[row].round(9), size * dt)
-        even[row, list(course.blocks)] = True
-        rests[row, list(course.blocks)] = course.resting
+        even[row], resting = usable(angle[row].round(9))
+        rests[row] = even[row] & resting
     if not even.any(axis=1).all():
         raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
     half = np.gradient(angle, axis=1) / 2 if n > 1 else np.zeros((w, 1))

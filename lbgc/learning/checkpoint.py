@@ -10,7 +10,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from lbgc.errors import reading
-from lbgc.outputs import UNSEALED, is_sealed, read_file, seal, write_atomically
+from lbgc.outputs import UNSEALED, as_json, is_sealed, read_file, seal, write_atomically
 
 _WHAT, _SEALED = "checkpoint", "checksum"
 _OWN = re.compile(rb'"checksum":"([0-9a-f]{64})"')
@@ -27,7 +27,7 @@ def write(file: Path, groups: Mapping[str, Mapping[str, Tensor]], said: Mapping[
         for group, tensors in groups.items()
         for name, value in tensors.items()
     }
-    content = save(flat, {_WHAT: json.dumps(said), _SEALED: UNSEALED})
+    content = save(flat, {_WHAT: as_json(said, indent=None), _SEALED: UNSEALED})
     write_atomically(file, seal(content))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from lbgc.errors import InputError, build, reading, require
 from lbgc.learning.model import ModelConfig
-from lbgc.outputs import UNSEALED, is_sealed, seal
+from lbgc.outputs import UNSEALED, as_json, is_sealed, seal
 from lbgc.sensor.datasheet import ImuConfig
 
 DESCRIPTION = "model.json"
@@ -64,7 +64,7 @@ class Description:
 def compose(said: Mapping[str, Any], weights: bytes) -> bytes:
     """The file's content. said : what the run has to say, but for format and checksums."""
     own = {"weights": hashlib.sha256(weights).hexdigest(), "checksum": UNSEALED}
-    return seal(json.dumps({"format": FORMAT, **said, **own}, indent=2).encode() + b"\n")
+    return seal(as_json({"format": FORMAT, **said, **own}).encode() + b"\n")
 
 
 def parse(content: bytes, name: str, where: object) -> dict[str, Any]:

@@ -62,6 +62,8 @@ class ModelConfig:
         for name, most in (("layers", 64), ("hidden", 4096)):
             value = getattr(self, name)
             require(1 <= value <= most, name, value, f"must be from 1 to {most}")
+        taken = self.name in (*CLASSICAL, "floor") or self.name.startswith("floor,")
+        require(not taken, "name", self.name, "is an estimator's; call the network otherwise")
         require_choice("cell", self.cell, (*RECURRENT, "pool", "filter"))
         require_choice("output", self.output, list(OUTPUTS))
         for channel in self.channels:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from lbgc.errors import InputError, build, reading
 from lbgc.learning.estimator import Learned
 from lbgc.learning.model import HeadingNet, ModelConfig, von_mises_sigma
-from lbgc.outputs import UNSEALED, is_sealed, seal
+from lbgc.outputs import UNSEALED, as_json, is_sealed, seal
 
 INPUT, OUTPUTS = "features", ("heading", "sigma")
 _SAID, _SEALED = "lbgc", "lbgc_checksum"
@@ -60,7 +60,7 @@ def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
                                     verbose=False, **names)  # fmt: skip
         assert program is not None
         model = program.model_proto
-    for key, value in ((_SAID, json.dumps(dict(said), indent=2)), (_SEALED, UNSEALED)):
+    for key, value in ((_SAID, as_json(said)), (_SEALED, UNSEALED)):
         entry = model.metadata_props.add()
         entry.key, entry.value = key, value
     onnx.checker.check_model(model)

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from lbgc.data.windows import Windows
-from lbgc.errors import reading
+from lbgc.errors import InputError, reading
 from lbgc.learning import checkpoint, loss
 from lbgc.learning.ahead import Batch, Batches, ahead
 from lbgc.learning.batches import Examples, Sensed, every
@@ -95,7 +95,7 @@ class Trainer:
         with progress as bar, self.drawing_ahead():
             while not self._finished():
                 self.step += 1
-                value = self._train()
+                value = self._finite(self._train())
                 before = value if self.smoothed is None else self.smoothed
                 self.smoothed = 0.98 * before + 0.02 * value
                 if self.step % self.plan.validate_every == 0 or self.step == self.plan.steps:
@@ -107,6 +107,15 @@ class Trainer:
                 bar.update()
         if self.plan.model.output == "vonmises":
             self._temper()
+
+    def _finite(self, value: float) -> float:
+        """The loss, or a score; InputError where it is no number: a network cannot come back."""
+        if not math.isfinite(value):
+            what = (
+                f"training diverged at step {self.step}: the loss is no number any more; take less"
+            )
+            raise InputError("learning_rate", self.plan.learning_rate, "", what)
+        return value
 
     def _finished(self) -> bool:
         if self.step >= self.plan.steps:
@@ -122,6 +131,7 @@ class Trainer:
     def _look(self) -> str:
         """Validate, keep the weights if they are the best so far, and say how it stands."""
         row = self._validate()
+        self._finite(row["score"] + row["all"])
         self.history.append({"step": self.step, "train_loss": self.smoothed or 0.0, **row})
         if self._best_look() == len(self.history) - 1:
             self.best = copy.deepcopy(self.net.state_dict())

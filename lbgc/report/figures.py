@@ -97,6 +97,18 @@ def error_by_heading(
     return figure
 
 
+def headings_against_time(rows: Mapping[str, tuple[np.ndarray, ...]], title: str) -> Figure:
+    """rows : estimator -> times in s, headings in deg and their sigmas in deg, (W,) each."""
+    figure, axes = _figure(title, "middle of the window, s", "heading, deg; bars: 1 sigma")
+    for (name, (t, heading, sigma)), colour in zip(
+        rows.items(), cycle(ESTIMATOR_COLOURS), strict=False
+    ):
+        bars = np.where(np.isfinite(sigma), sigma, 0.0)
+        axes.errorbar(t, heading, bars, fmt="o", color=colour, markersize=3, capsize=2, label=name)
+    axes.legend(fontsize="small")
+    return figure
+
+
 def bound_against_time(
     curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], title: str
 ) -> Figure:

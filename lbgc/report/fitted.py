@@ -8,7 +8,10 @@ import numpy as np
 
 from lbgc.data.static import AXES, Static
 from lbgc.report.remarks import remarks
-from lbgc.sensor.fitting import Estimate, Fit
+from lbgc.sensor.fitting import Fit
+from lbgc.sensor.profile import Estimate
+from lbgc.sensor.search import half_power_ratio
+from lbgc.sensor.shapes import FIRST_ORDER_DAMPING
 from lbgc.units import factor, unit_of
 
 # parameter -> the key of `conf/imu/`, for a gyro and for an accelerometer
@@ -39,13 +42,18 @@ WORDS = {
     "line_sigma": "narrow-band line, rms",
     "line_f0": "its frequency",
     "line_width": "its width",
-    "bandwidth": "output filter",
+    "bandwidth": "output filter, half power at",
     "damping": "its damping",
 }
 
 
 def every_estimate(fit: Fit) -> dict[str, Estimate]:
-    return {**fit.estimates, "ramp": fit.ramp}
+    """What was estimated and what was taken as given, by name."""
+    given = {}
+    if "bandwidth" in fit.estimates and "damping" not in fit.estimates:
+        damping = FIRST_ORDER_DAMPING
+        given["damping"] = Estimate(damping, damping, damping, damping)
+    return {**fit.estimates, **given, "ramp": fit.ramp}
 
 
 def unnumbered(name: str) -> str:
@@ -68,6 +76,7 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
             lines.append(f"{part} {axis}")
             for name, e in every_estimate(fit).items():
                 plain = unnumbered(name)
+                e = half_power(fit) if name == "bandwidth" else e
                 lines.append(f"  {WORDS[plain]:30s} {spelled(e, KEYS[plain][which])}")
             for tone in fit.tones:
                 size = tone.amplitude / factor(KEYS["tone"][which])
@@ -77,7 +86,17 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
     return "\n".join(lines)
 
 
+def half_power(fit: Fit) -> Estimate:
+    """The frequency at which the fitted filter lets half of the power through, Hz. It is better
+    known than the natural frequency, which goes with the damping."""
+    e = fit.estimates["bandwidth"]
+    damping = every_estimate(fit)["damping"].value
+    ratio = half_power_ratio(damping)
+    return Estimate(ratio * e.value, ratio * e.low, ratio * e.high, ratio * e.upper)
+
+
 def spelled(e: Estimate, key: str) -> str:
+    """An estimate, or the limit that the data set, in its key's unit."""
     scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
     if e.is_withheld:
         return "cannot be told from this log"
@@ -86,24 +105,29 @@ def spelled(e: Estimate, key: str) -> str:
             f"below {e.upper / scale:.3g}{unit} (95%); this log cannot tell it from zero, a longer "
             "one may"
         )
+    if e.is_lower_limit:
+        return f"above {e.low / scale:.3g}{unit} (95%)"
+    if e.low == e.high:
+        return f"{e.value / scale:.4g}{unit}, taken as such"
     return f"{e.value / scale:.4g}{unit}, 95% {e.low / scale:.4g} to {e.high / scale:.4g}"
 
 
-def as_json(fits: dict[str, list[Fit]]) -> dict:
+def of_axes(fits: dict[str, list[Fit]]) -> dict:
     """Every axis's."""
     return {part: [of_axis(fit) for fit in axes] for part, axes in fits.items()}
 
 
 def of_axis(fit: Fit) -> dict:
     """Every estimate in SI, and the tones."""
-    estimates = {n: asdict(e) for n, e in every_estimate(fit).items()}
     return {
-        "estimates": {
-            name: {k: None if np.isinf(v) else v for k, v in ends.items()}
-            for name, ends in estimates.items()
-        },
+        "estimates": {n: _plain(e) for n, e in every_estimate(fit).items()},
         "tones": [asdict(t) for t in fit.tones],
         "courses": [asdict(c) for c in fit.courses],
         "counts": None if fit.counts is None else asdict(fit.counts),
         "bic": fit.bic,
     }
+
+
+def _plain(e: Estimate) -> dict[str, float | None]:
+    """With null where the data set no upper end."""
+    return {key: value if np.isfinite(value) else None for key, value in asdict(e).items()}

@@ -7,7 +7,8 @@ from lbgc.report.fitted import KEYS, every_estimate, scale_of
 from lbgc.report.fitted_beside import beside
 from lbgc.sensor.bias_size import BiasSize
 from lbgc.sensor.calibration import Calibration
-from lbgc.sensor.fitting import Estimate, Fit
+from lbgc.sensor.fitting import Fit
+from lbgc.sensor.profile import Estimate
 from lbgc.units import factor
 
 
@@ -72,20 +73,27 @@ _NEUTRAL = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "d
 def _figures(start: str, name: str, found: list[Estimate | None], scale: float) -> str:
     """`key: [x, y, z]  # intervals`; an axis that has no such part has a neutral figure."""
     neutral = _NEUTRAL.get(name, 0.0)
+    is_size = name not in _NEUTRAL  # else part of a shape, which keeps its place at an end too
     told = [
         neutral if e is None
-        else 0.0 if e.is_limit and not (e.is_withheld and name == "N")
+        else 0.0 if e.is_limit and is_size and not (e.is_withheld and name == "N")
         else e.value / scale
         for e in found
     ]  # fmt: skip
-    ranges = [
-        "-" if e is None
-        else "cannot be told" if e.is_withheld
-        else f"<{e.upper / scale:.3g}" if e.is_limit
-        else f"{e.low / scale:.3g}..{e.high / scale:.3g}"
-        for e in found
-    ]  # fmt: skip
+    ranges = ["-" if e is None else _range(e, scale) for e in found]
     return f"{start}: [{', '.join(map(_number, told))}]  # {', '.join(ranges)}"
+
+
+def _range(e: Estimate, scale: float) -> str:
+    if e.is_withheld:
+        return "cannot be told"
+    if e.is_limit:
+        return f"<{e.upper / scale:.3g}"
+    if e.is_lower_limit:
+        return f">{e.low / scale:.3g}"
+    if e.low == e.high:
+        return "given"
+    return f"{e.low / scale:.3g}..{e.high / scale:.3g}"
 
 
 def _number(value: float) -> str:

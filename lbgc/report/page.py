@@ -3,7 +3,7 @@
 import base64
 import csv
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -15,7 +15,9 @@ from matplotlib.figure import Figure
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import build, reading
-from lbgc.metrics import Ratio, Reach, Summary
+from lbgc.headings import Table, one_by_one, spelled
+from lbgc.headings import rows as headings_as_rows
+from lbgc.metrics import Ratio, Reach, Summary, is_untrue
 from lbgc.outputs import write_atomically
 from lbgc.report import figures, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
@@ -25,10 +27,18 @@ from lbgc.units import DEG, HOUR
 
 _COLUMNS = (
     *("estimator", "window, s", "windows", "RMSE", "its 95% interval", "median", "IQR", "95%"),
-    *("RMSE·cos(lat)", "over the floor", "NSE", "us"),
+    *("RMSE·cos(lat)", "over the floor", "sigma", "NSE", "us"),
 )
-TRUE_SIGMA = (0.9, 1.1)
-"""Of the mean normalised squared error: outside it, a stated sigma is not true."""
+KINDS = {
+    "lstm": "Bi-LSTM",
+    "gru": "bidirectional GRU",
+    "rnn": "bidirectional RNN",
+    "pool": "layers over moments in time",
+    "filter": "layers that weigh filtered moments",
+}
+"""A network's cell, in words."""
+_MOST_RECORDINGS = 8
+"""Whose headings are drawn."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +46,8 @@ class Subject:
     """What was evaluated on."""
 
     name: str
-    against: str
+    against: str | None
+    """truth or reference; None where nobody knows the headings"""
     notes: list[str]
     records: Callable[[], Iterable[Record]] = field(repr=False)
     """A few, for the Allan figure, read when it is drawn; at least `samples` each."""
@@ -67,6 +78,12 @@ class Result:
     by_heading: Mapping[tuple[str, float], list[dict]]
     """By estimator and window length: heading_deg, windows, rmse_deg and its interval (low and
     high, or None) of each sector."""
+    headings: Table = field(default_factory=dict, repr=False)
+    """Where nobody knows the headings: what was answered, and nothing of the above."""
+    verdicts: Sequence[str] = ()
+    """Whether north can be found at all, in plain sentences."""
+    learned: tuple[str, ...] = ()
+    """Which of the estimators were trained."""
 
     @property
     def estimators(self) -> list[str]:
@@ -88,31 +105,35 @@ def _cells(name: str, window: float, s: Summary, over: Ratio | None) -> list[str
         "-" if np.isnan(low) else f"{low:.2f} to {high:.2f}",
         *(f"{v:.2f}" for v in (s.median_deg, s.iqr_deg, s.p95_deg, s.rmse_cos_latitude_deg)),
         "-" if over is None else f"{over.value:.3f} ({over.low:.3f} to {over.high:.3f})",
+        "-" if s.sigma_deg is None else spelled(s.sigma_deg, s.sigma_is_at_least),
         "-" if nse is None else f"{nse:.3g}",
         "-" if us is None else f"{us:.0f}",
     ]
 
 
-def _untrue(result: Result) -> list[bool]:
-    """Whether a row's stated sigma is not true."""
-    values = [s.mean_normalised_squared_error for s in result.rows.values()]
-    return [v is not None and not TRUE_SIGMA[0] <= v <= TRUE_SIGMA[1] for v in values]
-
-
 def table(result: Result) -> str:
-    """For the screen; errors in degrees."""
-    rows = [list(_COLUMNS), *cells(result)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(_COLUMNS))]
-    lines = [
+    """For the screen; degrees."""
+    if result.headings:
+        title = f"Headings in degrees, which nothing is there to check: {result.subject.name}"
+        head, lines, more = one_by_one(result.headings)
+        parts = [title, *_lined_up(*headings_as_rows(result.headings)), "", *_lined_up(head, lines)]
+        return "\n".join(parts + ([f"... and {more} more, in windows.csv"] if more else []))
+    title = f"Heading error in degrees against the {result.subject.against}: {result.subject.name}"
+    return "\n".join([title, *_lined_up(list(_COLUMNS), cells(result))])
+
+
+def _lined_up(head: list[str], lines: Sequence[Sequence[str]]) -> list[str]:
+    """A header, a rule and lines, the first column to the left and all others to the right."""
+    every = [head, *lines]
+    widths = [max(len(row[i]) for row in every) for i in range(len(head))]
+    found = [
         "  ".join(
             c.ljust(w) if i == 0 else c.rjust(w)
             for i, (c, w) in enumerate(zip(row, widths, strict=True))
         )
-        for row in rows
+        for row in every
     ]
-    lines.insert(1, "  ".join("-" * w for w in widths))
-    title = f"Heading error in degrees against the {result.subject.against}: {result.subject.name}"
-    return "\n".join([title, *lines])
+    return [found[0], "  ".join("-" * w for w in widths), *found[1:]]
 
 
 def write_page(path: Path, result: Result, run: str | None) -> Path:
@@ -124,12 +145,15 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
     page = template.render(
         subject=result.subject,
         columns=_COLUMNS,
-        rows=list(zip(cells(result), _untrue(result), strict=True)),
+        headings=headings_as_rows(result.headings) if result.headings else None,
+        verdicts=result.verdicts,
+        rows=list(zip(cells(result), map(is_untrue, result.rows.values()), strict=True)),
         reach=result.reach,
         notes=result.notes,
         bias=_bias_split(result.subject.configuration, description),
         paper_rows=_beside_the_paper(result),
         model=description,
+        kind=description and KINDS[description["model"]["cell"]],
         parameters=_published_parameters(description),
         pictures=_pictures(result, run),
     )
@@ -138,7 +162,8 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
 
 
 def _beside_the_paper(result: Result) -> list[dict]:
-    """Median and IQR of each estimator with the paper's: the baseline's for classical ones."""
+    """Median and IQR of the plain mean, the paper's baseline, and of what was learned, beside
+    the paper's, which has no other estimators."""
     return [
         {
             "estimator": name,
@@ -150,7 +175,7 @@ def _beside_the_paper(result: Result) -> list[dict]:
             "paper_iqr": paper.published(paper.IQR_DEG, row, window),
         }
         for (name, window), s in result.rows.items()
-        for row in ["baseline" if name == "mean" else "learned"]
+        for row in ["baseline"] * (name == "mean") + ["learned"] * (name in result.learned)
         if window in paper.WINDOWS_S
     ]
 
@@ -175,13 +200,39 @@ def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | No
 
 
 def _published_parameters(run: Mapping | None) -> int | None:
-    if run is None:
+    if run is None or run["model"]["cell"] != "lstm":
         return None
     return paper.PARAMETERS.get((run["model"]["layers"], run["model"]["hidden"]))
 
 
 def _pictures(result: Result, run: str | None) -> list[dict]:
     """Titles and PNG data of the figures, in the page's order."""
+    drawn = _of_errors(result) if result.rows else _of_headings(result)
+    drawn.append(("Allan deviation of the data", figures.png(_allan(result.subject))))
+    if run is not None and (Path(run) / "history.csv").is_file():
+        drawn.append(("Loss curve", figures.png(_loss_curve(Path(run) / "history.csv"))))
+    picture = result.subject.picture
+    if picture is not None and picture.is_file():
+        drawn.append(("The bench", picture.read_bytes()))
+    return [{"title": t, "data": base64.b64encode(png).decode()} for t, png in drawn]
+
+
+def _of_headings(result: Result) -> list[tuple[str, bytes]]:
+    """The longest windows' headings against time, a figure for each of the first recordings."""
+    longest = max(window for _, window in result.headings)
+    drawn = []
+    by_recording: dict[str, dict[str, tuple[np.ndarray, ...]]] = {}
+    for (name, window), each in result.headings.items():
+        for own in each if window == longest else ():
+            answers = own.start_s + window / 2, own.heading_deg, own.sigma_deg
+            by_recording.setdefault(own.recording, {})[name] = answers
+    for recording, own_rows in list(by_recording.items())[:_MOST_RECORDINGS]:
+        title = f"{recording}, windows of {longest:g} s"
+        drawn.append((title, figures.png(figures.headings_against_time(own_rows, title))))
+    return drawn
+
+
+def _of_errors(result: Result) -> list[tuple[str, bytes]]:
     by_name = {n: {w: v for (m, w), v in result.sizes.items() if m == n} for n in result.estimators}
     rmse = {
         n: (
@@ -190,18 +241,11 @@ def _pictures(result: Result, run: str | None) -> list[dict]:
         )
         for n in result.estimators
     }
-    drawn = [
+    return [
         ("Error against window length", figures.png(figures.error_against_window(rmse))),
         ("Error by heading", figures.png(_by_heading(result))),
         ("Box plots of the errors", figures.png(figures.box_plots(by_name))),
-        ("Allan deviation of the data", figures.png(_allan(result.subject))),
     ]
-    if run is not None and (Path(run) / "history.csv").is_file():
-        drawn.append(("Loss curve", figures.png(_loss_curve(Path(run) / "history.csv"))))
-    picture = result.subject.picture
-    if picture is not None and picture.is_file():
-        drawn.append(("The bench", picture.read_bytes()))
-    return [{"title": t, "data": base64.b64encode(png).decode()} for t, png in drawn]
 
 
 def _by_heading(result: Result) -> Figure:

@@ -8,8 +8,9 @@ import numpy as np
 
 from lbgc.sensor import counts, warmup
 from lbgc.sensor.counts import Counts
-from lbgc.sensor.fitting import Estimate, Fit, choose
+from lbgc.sensor.fitting import Fit, choose
 from lbgc.sensor.ordinates import pooled
+from lbgc.sensor.profile import Estimate
 
 _FAST = ("N", "Q", "bandwidth", "damping")
 _HIDDEN = 0.9  # of a slow change, that counts may take away, above which they tell nothing of it

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from lbgc.sensor.gaussian import GaussianTerm
 from lbgc.sensor.noise import (
@@ -53,6 +54,9 @@ def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
 QUANTISATION = Shape(("Q",), AngleQuantisation)
 GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
 FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
+FIRST_ORDER_DAMPING = 2.0
+FIRST_ORDER = Shape(("N", "bandwidth"), partial(BandLimited, damping=FIRST_ORDER_DAMPING))
+"""White noise behind a filter whose other pole is fourteen times as fast."""
 
 
 def line(k: int) -> Shape:
@@ -60,3 +64,22 @@ def line(k: int) -> Shape:
     number = "" if k == 1 else f"_{k}"
     names = ("line_sigma", "line_f0", "line_width")
     return Shape(tuple(name + number for name in names), Line)
+
+
+def renumbered(
+    shapes: Sequence[Shape], values: dict[str, float]
+) -> tuple[list[Shape], dict[str, float]]:
+    """The same model with its lines numbered from 1 on."""
+    out, named, k = [], dict(values), 0
+    for shape in shapes:
+        if not shape.names[0].startswith("line_sigma"):
+            out.append(shape)
+            continue
+        k += 1
+        new = line(k)
+        old = [named.pop(name) for name in shape.names]
+        named = {n: v for n, v in named.items() if n not in new.names} | dict(
+            zip(new.names, old, strict=True)
+        )
+        out.append(new)
+    return out, named

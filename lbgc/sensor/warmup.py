@@ -7,7 +7,7 @@ the sizes that then suit it best) and one course of the mean. A decay in white n
 walk that its own quiet end contradicts; a true random walk has no end that is quiet.
 
 The likelihood is Whittle's on the cosine transform of block means, with exact variances (see
-`lbgc.sensor.likelihood`); in it a course's size follows by weighted least squares.
+`lbgc.sensor.cosines`); in it a course's size follows by weighted least squares.
 """
 
 from dataclasses import dataclass, replace
@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.fft
 
+from lbgc.sensor.cosines import Grid, density
 from lbgc.sensor.gaussian import GaussianTerm
-from lbgc.sensor.likelihood import low_variance
 from lbgc.sensor.noise import Flicker, RandomWalk, White
 
 _BLOCKS = 512
@@ -84,7 +84,8 @@ class _Likelihood:
         self.scale = float(np.sqrt(np.median(z[self.most // 4 :] ** 2) / 0.455))
         self.z = z / max(self.scale, 1e-300)
         terms: tuple[GaussianTerm, ...] = (White(1.0), Flicker(1.0, *corners), RandomWalk(1.0))
-        unit = np.stack([low_variance(t, blocks, interval, self.most) for t in terms])
+        grid = Grid(blocks, interval, np.arange(1.0, self.most + 1), np.ones(self.most))
+        unit = np.stack([density(term, grid) for term in terms])
         self.unit = unit / unit[:, self.most // 2, None]
 
     def transform(self, means: np.ndarray) -> np.ndarray:

@@ -35,7 +35,8 @@ from lbgc.data.windows import Windows, at_rate, cut
 from lbgc.errors import require_choice
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled
-from lbgc.estimators.information import Information, covariance, information, turn
+from lbgc.estimators.optimal import Information, information
+from lbgc.estimators.sources import ANY_TILT, causes, factors, patterns, signal
 from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import rotation_z, wrap
 from lbgc.report import paper
@@ -203,17 +204,24 @@ def brute_force(report: Report, data: Dataset, case: Case) -> None:
     windows = at_rate(next(first_windows(data, 240.0, CASES["gaussian"]["brute_force"])), 3 / 240)
     found = floor(windows, case.imu)
     part = levelled(windows, case.imu.dt)[0]
-    design = turn(part.course, part.site).reshape(12, 4)
-    C = scipy.linalg.block_diag(*covariance(case.imu, part.course, part.site))
-    size = np.sqrt(np.diag(C))
-    q, tilts = design[:, :2] / size[:, None], design[:, 2:] / size[:, None]
-    wide = 1e3 / np.linalg.norm(tilts, axis=0)
-    precision = np.linalg.inv(C / np.outer(size, size) + (tilts * wide**2) @ tilts.T)
-    psi = np.deg2rad(np.arange(0, 360, 0.01))
-    means = q @ np.stack([np.cos(psi), np.sin(psi)])
-    worst = 0.0
-    for row, own in zip(part.rows, part.data.reshape(-1, 12), strict=True):
-        left = (own / size)[:, None] - means
+    B, psi = patterns(case.imu, part.course), np.deg2rad(np.arange(0, 360, 0.01))
+    q, worst = np.stack([np.cos(psi), np.sin(psi)]), 0.0
+
+    def column(coefficients: np.ndarray) -> np.ndarray:
+        return (coefficients @ B.T).reshape(-1)  # of six channels by three blocks
+
+    for row, base, own in zip(part.rows, part.base, part.body.reshape(-1, 18), strict=True):
+        felt = signal(base[None], part.site)
+        C = scipy.linalg.block_diag(*(L @ L.T for L in factors(case.imu, part.course)))
+        for drawn in causes(case.imu, base[None], part.site).values():
+            for one in drawn[0]:
+                C += np.outer(column(one), column(one))
+        size = np.sqrt(np.diag(C))
+        for tilt in felt.tilt:
+            C += ANY_TILT**2 * np.outer(column(tilt[0]), column(tilt[0]))
+        precision = np.linalg.inv(C / np.outer(size, size))
+        means = np.stack([column(of[0]) for of in felt.q], axis=1) / size[:, None] @ q
+        left = ((own - column(felt.known[0])) / size)[:, None] - means
         log_p = -0.5 * np.sum(left * (precision @ left), axis=0)
         mean = np.angle(np.sum(np.exp(log_p - log_p.max() + 1j * psi)))
         worst = max(worst, abs(float(wrap(mean - found.heading[row]))))

@@ -32,7 +32,8 @@ from lbgc.data.windows import Windows, cut, joined
 from lbgc.earth import EARTH_RATE, earth_rate_ned
 from lbgc.estimators.course import Site
 from lbgc.estimators.estimate import Estimator
-from lbgc.estimators.information import information, known
+from lbgc.estimators.information import known
+from lbgc.estimators.optimal import information
 from lbgc.estimators.static import mean
 from lbgc.frames import rotation_z, wrap
 from lbgc.learning.estimator import Learned

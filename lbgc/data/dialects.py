@@ -1,0 +1,165 @@
+"""How a text file lays out its rows: separator, decimal sign, header, row of units, preamble."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lbgc.data.described import unit
+from lbgc.errors import InputError
+
+MARKS = ("#", "%", "//", ";", "!")
+"""What comments begin with."""
+MOST_BEFORE = 20_000
+"""Lines that may stand before the data."""
+_FOLLOWING = 10
+_ABOVE = 6
+"""Lines above the data among which the header is looked for."""
+_BLANKS = " "
+_NUMBER = {
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
+    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
+}
+_WITH_UNIT = re.compile(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?')
+"""A name and its unit in brackets."""
+_NO_NUMBER = {"nan", "inf", "-inf", "+inf", "na", "n/a", "null", "-nan"}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the rows are laid out, and what stands before them."""
+
+    separator: str
+    """One character; a blank stands for any number of blanks and tabs."""
+    decimal: str
+    first: int
+    """The line of the first row, counted from zero."""
+    width: int
+    names: tuple[str, ...] | None
+    units: tuple[str, ...]
+    numbers: tuple[str, ...]
+    """The first row's fields."""
+
+
+def layout(lines: Sequence[str], key: str, name: str, whole: bool, comma: bool) -> Layout:
+    """The layout of a file that begins with these lines.
+
+    key, name : what errors call the file; whole : whether these are all its lines; comma : whether
+    commas stand further down, which decides where the first rows hold whole numbers alone. Raises
+    InputError.
+    """
+    for least in (6, 4, 2, 1):
+        for first in range(min(len(lines), MOST_BEFORE)):
+            found = _best(lines, first, least)
+            if found is not None:
+                separator, decimal = found
+                if decimal == "." and separator != "," and comma and not _has(lines, first, "."):
+                    decimal = ","
+                return _with_header(lines, first, separator, decimal)
+    where = "" if whole or len(lines) < MOST_BEFORE else f" in its first {MOST_BEFORE} lines"
+    raise InputError(
+        key,
+        name,
+        "",
+        f"has no rows of numbers{where}, by comma, semicolon, tab or blank",
+    )
+
+
+def fields(line: str, separator: str) -> list[str]:
+    """A line's fields, without blanks and quotes around them."""
+    if separator == _BLANKS:
+        found = re.findall(r'"[^"]*"|\S+', line)
+        return [field.strip('"') for field in found]
+    try:
+        found = next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        found = line.split(separator)
+    return [field.strip() for field in found]
+
+
+def is_number(field: str, decimal: str) -> bool:
+    return _NUMBER[decimal].fullmatch(field) is not None
+
+
+def is_comment(line: str, separator: str) -> bool:
+    start = line.lstrip()
+    return any(start.startswith(mark) for mark in MARKS if mark != separator)
+
+
+def _numbers(line: str, separator: str, decimal: str) -> int:
+    if len(line) > 100_000:
+        return 0
+    found = fields(line, separator)
+    return sum(is_number(field, decimal) or field.lower() in _NO_NUMBER for field in found)
+
+
+def _has(lines: Sequence[str], first: int, character: str) -> bool:
+    return any(character in line for line in lines[first : first + 1000])
+
+
+def _best(lines: Sequence[str], first: int, least: int) -> tuple[str, str] | None:
+    """Separator and decimal sign under which data begin at this line: as many of the next lines as
+    not have as many fields. None: they do not."""
+    line = lines[first]
+    if not any(character.isdigit() for character in line[:2000]):
+        return None
+    best, most = None, 0
+    for separator in ("\t", ";", ",", "|", _BLANKS):
+        if separator not in line and separator != _BLANKS:
+            continue
+        for decimal in (".", ","):
+            if is_comment(line, separator) or _numbers(line, separator, decimal) < least:
+                continue
+            width = len(fields(line, separator))
+            after = [text for text in lines[first + 1 : first + 1 + 3 * _FOLLOWING]
+                     if text.strip() and not is_comment(text, separator)][:_FOLLOWING]  # fmt: skip
+            alike = [len(fields(text, separator)) == width
+                     and _numbers(text, separator, decimal) >= least for text in after]  # fmt: skip
+            total = sum(_numbers(text, separator, decimal) for text in [line, *after])
+            if 2 * sum(alike) >= len(after) and total > most:
+                best, most = (separator, decimal), total
+    return best
+
+
+def _with_header(lines: Sequence[str], first: int, separator: str, decimal: str) -> Layout:
+    row = tuple(fields(lines[first], separator))
+    width = len(row)
+    units: tuple[str, ...] = ()
+    names = None
+    above = [at for at in range(first - 1, -1, -1) if lines[at].strip()][:_ABOVE]
+    for at in above:
+        found = _header(lines[at], separator, width, not row[-1])
+        if found is None:
+            continue
+        if not units and all(not word or unit(word) or word in "-()[]" for word in found):
+            units = found
+            continue
+        names = found
+        break
+    if names is None and units:  # such as s, g
+        names, units = units, ()
+    return Layout(separator, decimal, first, width, names, units, row)
+
+
+def _header(line: str, separator: str, width: int, trailing: bool) -> tuple[str, ...] | None:
+    """A header's names, as many as rows have fields; None where this line is none."""
+    text = line.strip("\r\n")
+    marked = next((mark for mark in MARKS if text.lstrip().startswith(mark)), None)
+    if marked is not None and marked != separator:
+        text = text.lstrip().lstrip("".join(MARKS)).strip()
+    splits = [fields(text, separator)] if separator != _BLANKS else []
+    splits += [fields(text, other) for other in ("\t", ";", ",") if other in text]
+    splits.append(re.split(r"\s{2,}|\t", text.strip()))
+    splits.append([word.strip('"') for word in _WITH_UNIT.findall(text)])
+    splits.append(fields(text, _BLANKS))
+    for found in splits:
+        words = [field.strip() for field in found]
+        if len(words) == width + 1 and not words[-1]:
+            words = words[:-1]
+        if len(words) == width - 1 and width > 2:
+            words = [*words, ""] if trailing else ["", *words]
+        numbers = sum(is_number(w, ".") or is_number(w, ",") for w in words)
+        lettered = sum(any(c.isalpha() for c in w) for w in words)
+        if len(words) == width and numbers == 0 and lettered >= max(1, width // 2):
+            return tuple(words)
+    return None

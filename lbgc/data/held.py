@@ -1,0 +1,176 @@
+"""Sensors slower than their logger: rows that are printed again until the next sample comes.
+
+Values repeat by chance as well, where counts are coarse. The two are told apart by how often all
+axes repeat together: by chance that is the product of how often each does.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FEWEST_CHANGES = 20
+"""Of a column, before its pattern tells anything."""
+_MOST = 1000
+"""Rows a sample, at the most."""
+_ALIKE = 0.98
+"""Share of runs that must be whole multiples of the same number of rows."""
+_BLOCK = 256
+_SIGMAS = 5.0
+LEAST_SHARE = 0.05
+"""Of rows that must be held before irregular holds are refused: below, they are harmless (a share h
+makes white noise look stronger by 1 + h at low frequency)."""
+_SHORTER = 0.3
+"""Of what holds at random would make it: how much oftener rows repeat one apart than two apart."""
+_CHANCE = 0.01
+"""How often rows may repeat by chance, where repeats are to be dropped."""
+
+
+@dataclass(frozen=True)
+class Holds:
+    """How a log's rows (gyro x, y, z, accelerometer x, y, z) repeat."""
+
+    columns: tuple[int, ...]
+    """Rows for which each column holds a sample, regularly: 1 where it does not."""
+    gyro_share: float
+    """Of rows at which the gyros hold their sample irregularly."""
+    accel_share: float
+    chance: float
+    """Share of samples at which all six repeat by chance."""
+
+    @property
+    def times(self) -> int:
+        """Rows that make one whole sample of every column."""
+        return int(np.lcm.reduce(self.columns))
+
+    @property
+    def irregular(self) -> bool:
+        return max(self.gyro_share, self.accel_share) > LEAST_SHARE
+
+    @property
+    def can_drop(self) -> bool:
+        """Whether dropping rows that repeat leaves the sensor's own samples."""
+        together = abs(self.gyro_share - self.accel_share) < 0.02
+        return together and self.chance < _CHANCE and min(self.columns) == max(self.columns)
+
+
+def holds(rows: np.ndarray) -> Holds:
+    """How rows (T, 6) repeat."""
+    columns = _regular(rows[1:] == rows[:-1])
+    (gyro, one), (accel, two) = (
+        _share(rows[:, part]) if set(columns[part]) == {1} else (0.0, 0.0)
+        for part in (slice(0, 3), slice(3, 6))
+    )
+    return Holds(columns, gyro, accel, one * two)
+
+
+def _regular(same: np.ndarray) -> tuple[int, ...]:
+    """Rows a sample, column by column; a column that hardly changes follows the others."""
+    found = [_times(np.flatnonzero(~same[:, column])) for column in range(same.shape[1])]
+    known = [times for times in found if times is not None]
+    others = max(set(known), key=known.count) if known else 1
+    return tuple(others if times is None else times for times in found)
+
+
+def _times(changes: np.ndarray) -> int | None:
+    """changes : (C,), where a column changes. None where that tells nothing.
+
+    Runs of equal rows are whole multiples of the rows a sample, where samples may be equal by
+    chance; a few are not, where rows were lost.
+    """
+    if len(changes) < FEWEST_CHANGES:
+        return None
+    runs = np.diff(changes)
+    lengths, counts = np.unique(runs, return_counts=True)
+    if np.mean(runs == 1) > 1 - _ALIKE:
+        return 1
+    candidates = [int(n) for n in lengths if 1 < n <= _MOST]
+    candidates += [d for n in candidates for d in range(2, n) if n % d == 0 and n <= 64]
+    for times in sorted(set(candidates), reverse=True):
+        if counts[lengths % times == 0].sum() >= _ALIKE * len(runs):
+            return times
+    return 1
+
+
+def _share(rows: np.ndarray) -> tuple[float, float]:
+    """Share of rows at which columns (T, 3) are held together, and the share of the other rows at
+    which all three repeat by chance.
+
+    With a share h of holds, column j repeats at h + (1 - h) p_j and all at h + (1 - h) p_1 p_2 p_3:
+    block by block, since means wander among counts, and solved for h over all blocks. What moves
+    all axes slowly makes them repeat together too, but then rows two apart are as alike as rows
+    one apart.
+    """
+    same = rows[1:] == rows[:-1]
+    moving = same[:, same.mean(axis=0) < 0.999]
+    blocks = len(moving) // _BLOCK
+    if moving.shape[1] < 2 or blocks < 2:
+        return 0.0, 1.0 if moving.shape[1] < 2 else float(same.all(axis=1).mean())
+    cut = moving[: blocks * _BLOCK].reshape(blocks, _BLOCK, -1)
+    each, together = cut.mean(axis=1), cut.all(axis=2).mean(axis=1)
+    excess = together - each.prod(axis=1)
+    sigma = excess.std(ddof=1) / np.sqrt(blocks)
+    if not excess.mean() > _SIGMAS * sigma + 1e-9:
+        return 0.0, float(together.mean())
+    two_apart = float((rows[2:] == rows[:-2]).all(axis=1).mean())
+    low, high = 0.0, float(together.mean())
+    for _ in range(40):
+        h = (low + high) / 2
+        by_chance = np.clip((each - h) / (1 - h), 0, 1).prod(axis=1)
+        if np.mean(together - h - (1 - h) * by_chance) > 0:
+            low = h
+        else:
+            high = h
+    if same.all(axis=1).mean() - two_apart < _SHORTER * low * (1 - two_apart):
+        return 0.0, float(together.mean())
+    return low, float(np.mean(np.clip((each - low) / (1 - low), 0, 1).prod(axis=1)))
+
+
+def taken(rows: np.ndarray, found: Holds) -> np.ndarray:
+    """The samples (T // times or so, 6) that regularly held rows (T, 6) show.
+
+    Where all columns are held alike, each sample once. Else means over as many rows as hold whole
+    samples of every column: what each column is over the same time.
+    """
+    times = found.times
+    if set(found.columns) == {times}:
+        parts = _parts(rows, times)
+        kept = [rows[_once_each(rows[:, part], times)][:, part] for part in parts]
+        shortest = min(map(len, kept))
+        values = np.empty((shortest, rows.shape[1]))
+        for part, own in zip(parts, kept, strict=True):
+            values[:, part] = own[:shortest]
+        return values
+    columns = []
+    for column, own in enumerate(found.columns):
+        values = rows[:, column]
+        start = 0 if own == 1 else _phase(values, own)
+        blocks = (len(values) - start) // times
+        columns.append(values[start : start + blocks * times].reshape(blocks, times).mean(axis=1))
+    shortest = min(map(len, columns))
+    return np.stack([values[:shortest] for values in columns], axis=1)
+
+
+def _parts(rows: np.ndarray, times: int) -> list[list[int]]:
+    """Columns that change at the same rows: all, or each for itself where axes take turns."""
+    phases = [_phase(rows[:, c], times) for c in range(rows.shape[1])]
+    return [[c for c in range(rows.shape[1]) if phases[c] == p] for p in dict.fromkeys(phases)]
+
+
+def _phase(values: np.ndarray, times: int) -> int:
+    changes = np.flatnonzero(values[1:] != values[:-1]) + 1
+    return int(np.bincount(changes % times, minlength=times).argmax()) if len(changes) else 0
+
+
+def _once_each(rows: np.ndarray, times: int) -> np.ndarray:
+    """Rows (T, C) at which a sample begins: every change, and every so many rows after it."""
+    changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1)) + 1
+    starts = np.concatenate([[0], changes])
+    runs = np.diff(np.concatenate([starts, [len(rows)]]))
+    count = np.maximum(1, np.round(runs / times).astype(int))
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.asarray(np.minimum(np.repeat(starts, count) + within * times, len(rows) - 1))
+
+
+def dropped(rows: np.ndarray) -> np.ndarray:
+    """Which rows (T, 6) differ from the one before."""
+    return np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])

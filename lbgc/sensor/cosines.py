@@ -1,0 +1,152 @@
+"""The variance that a noise term gives to each cosine coefficient of a finite series, exactly.
+
+The orthonormal DCT-II of n samples, coefficient k >= 1, angle a = pi k/n. With the samples'
+autocovariance r_l its variance is
+
+    r_0 + 2/n sum_l r_l ((n - l) cos(a l) - sin(a l)/sin(a)),   l = 1 ... n - 1.
+
+A term whose covariance is a sum of exponentials has r_l = Re sum_j c_j z_j^l for l >= 1, so that
+the sum is geometric: nothing is folded or cut short, whatever the sample rate. All variances are
+given times the samples' interval: they are densities, unit^2 s.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lbgc.sensor.gaussian import GaussianTerm
+from lbgc.sensor.noise import (
+    AngleQuantisation,
+    BandLimited,
+    Flicker,
+    GaussMarkov,
+    Line,
+    RandomWalk,
+    White,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The coefficients of n samples at interval dt that variances are asked for, single or in bins
+    whose middle stands for them."""
+
+    n: int
+    dt: float
+    """s"""
+    k: np.ndarray
+    """(M,), the middles; from 1 to n - 1"""
+    count: np.ndarray
+    """(M,), how many coefficients each stands for"""
+
+    @cached_property
+    def f(self) -> np.ndarray:
+        """(M,), Hz"""
+        return self.k / (2 * self.n * self.dt)
+
+    @cached_property
+    def width(self) -> np.ndarray:
+        """(M,), Hz, of the bins"""
+        return self.count / (2 * self.n * self.dt)
+
+    @cached_property
+    def angle(self) -> np.ndarray:
+        return np.pi * self.k / self.n
+
+    @cached_property
+    def turn(self) -> np.ndarray:
+        return np.exp(1j * self.angle)
+
+    @cached_property
+    def one_less_turn(self) -> np.ndarray:
+        """1 - e^(i a), without cancellation"""
+        return 2 * np.sin(self.angle / 2) ** 2 - 1j * np.sin(self.angle)
+
+    @cached_property
+    def sine(self) -> np.ndarray:
+        return np.sin(self.angle)
+
+    @cached_property
+    def last_turn(self) -> np.ndarray:
+        """e^(i a (n - 1)); a bin holds even and odd coefficients, whose e^(i a n) cancel"""
+        parity = np.where(self.count == 1, 1 - 2 * (np.round(self.k) % 2), 0.0)
+        return parity * np.conj(self.turn)
+
+
+def density(term: GaussianTerm, grid: Grid) -> np.ndarray:
+    """Variances times dt of a grid's coefficients, (M,), unit^2 s."""
+    cos = np.cos(grid.angle)
+    if isinstance(term, White):
+        return np.full(len(cos), term.N**2)
+    if isinstance(term, RandomWalk):
+        # Cosines are the eigenvectors of -|i - j|/2, which is what a walk's differences have; means
+        # over intervals smooth it by the sixth.
+        return term.K**2 * grid.dt**2 * (0.25 / np.sin(grid.angle / 2) ** 2 - 1 / 6)
+    if isinstance(term, AngleQuantisation):
+        return 2 * term.Q**2 / grid.dt * (1 - cos + (1 + cos) / grid.n)
+    if isinstance(term, Line):
+        return _line(term, grid)
+    rates, weights = exponentials(term)
+    total = np.zeros(len(cos))
+    for s, w in zip(rates, weights, strict=True):
+        total += _of_exponential(complex(s), complex(w), grid)
+    return grid.dt * total
+
+
+def exponentials(term: GaussianTerm) -> tuple[np.ndarray, np.ndarray]:
+    """Rates s_j (1/s, real part above zero) and weights w_j (unit^2) of the term's covariance,
+    Re sum_j w_j e^(-s_j |t|)."""
+    if isinstance(term, Flicker):
+        return 1 / term.correlation_times(), term.variances()
+    if isinstance(term, GaussMarkov):
+        return np.array([1 / term.T]), np.array([term.sigma**2])
+    if isinstance(term, BandLimited):
+        # critical damping has one double pole; a hair beside it is the same to rounding
+        damping = term.damping + 1e-5 * (abs(term.damping - 1) < 1e-5)
+        root, w = np.sqrt(complex(damping**2 - 1)), 2 * np.pi * term.bandwidth
+        one, two = w * (damping - root), w * (damping + root)
+        variance = term.N**2 * w / (4 * damping)
+        return np.array([one, two]), variance * np.array([two, -one]) / (two - one)
+    raise TypeError(f"{type(term).__name__} has no covariance of exponentials")
+
+
+def _of_exponential(s: complex, weight: complex, grid: Grid) -> np.ndarray:
+    """What Re(weight e^(-s |t|)) gives, over means of length dt: (M,), unit^2.
+
+    With u = s dt its means have r_0 = 2 w (u - 1 + e^-u)/u^2 and, for l >= 1,
+    r_l = w ((1 - e^-u)/u)^2 e^(-u (l - 1)).
+    """
+    u = s * grid.dt
+    small = abs(u) < 1e-3
+    start = weight * (1 - u / 3 + u**2 / 12 if small else 2 * (u + np.expm1(-u)) / u**2)
+    gain = weight * (-np.expm1(-u) / u) ** 2
+    if u.imag == 0 and weight.imag == 0:
+        both, plain = _weighted(u.real, grid.turn, grid.one_less_turn, grid.last_turn, grid.n)
+        return start.real + 2 / grid.n * gain.real * (both.real - plain.imag / grid.sine)
+    up = _weighted(u, grid.turn, grid.one_less_turn, grid.last_turn, grid.n)
+    back = (np.conj(grid.turn), np.conj(grid.one_less_turn), np.conj(grid.last_turn))
+    down = _weighted(u, *back, grid.n)
+    total = (up[0] + down[0]) / 2 - (up[1] - down[1]) / 2j / grid.sine
+    return start.real + 2 / grid.n * np.real(gain * total)
+
+
+def _weighted(
+    u: complex, turn: np.ndarray, less: np.ndarray, last_turn: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums over l = 1 ... n - 1 of (n - l) x^(l-1) e^(i a) and of x^(l-1) e^(i a), where
+    x = e^(-u + i a)."""
+    rest = less - np.expm1(-u) * turn  # 1 - x
+    plain = (1 - np.exp(-u * (n - 1)) * last_turn) / rest
+    weighted = (n - 1 - plain * (np.exp(-u) * turn)) / rest
+    return turn * weighted, turn * plain
+
+
+def _line(term: Line, grid: Grid) -> np.ndarray:
+    """Its flanks are steep: only the nearest images count, and the line's mean over a bin does."""
+    f, rate = grid.f, 1 / grid.dt
+    inside = term.power_below(f + grid.width / 2) - term.power_below(f - grid.width / 2)
+    total = np.maximum(inside, 0) / grid.width * np.sinc(f * grid.dt) ** 2
+    for image in (f - rate, f + rate):
+        total += term.psd(np.abs(image)) * np.sinc(image * grid.dt) ** 2
+    return total

@@ -1,0 +1,29 @@
+"""One writer of JSON, which every reader takes."""
+
+import json
+
+import numpy as np
+
+from lbgc.outputs import as_json
+
+
+def test_what_is_no_number_is_null():
+    content = {
+        "a": float("nan"),
+        "b": [np.inf, 1.5],
+        "c": np.array([1.0, np.nan]),
+        "d": (True, None),
+    }
+
+    def refuse(name):
+        raise AssertionError(name)
+
+    said = json.loads(as_json(content), parse_constant=refuse)
+    assert said == {"a": None, "b": [None, 1.5], "c": [1.0, None], "d": [True, None]}
+
+
+def test_it_is_what_json_writes_of_plain_content():
+    content = {"b": [1, 2.5, "x", None, True], "a": {"c": {}}}
+    assert as_json(content) == json.dumps(content, indent=2)
+    assert as_json(content, None, sort_keys=True) == json.dumps(content, sort_keys=True)
+    assert as_json({"n": np.int64(3), "x": np.float32(0.5)}, None) == '{"n": 3, "x": 0.5}'
