@@ -9,6 +9,7 @@ import numpy as np
 from lbgc.data.static import AXES, Static
 from lbgc.report.remarks import remarks
 from lbgc.sensor.fitting import Fit
+from lbgc.sensor.goodness import Goodness
 from lbgc.sensor.profile import Estimate
 from lbgc.sensor.search import half_power_ratio
 from lbgc.sensor.shapes import FIRST_ORDER_DAMPING
@@ -83,7 +84,18 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                 unit = unit_of(KEYS["tone"][which])
                 lines.append(f"  {'tone':30s} {size:.3g} {unit} at {tone.f:.4g} Hz")
             lines += [f"  {said}" for said in remarks(fit, which)]
+            lines.append(f"  {'goodness of fit':30s} {explained(fit)}")
     return "\n".join(lines)
+
+
+def explained(fit: Fit) -> str:
+    """Whether the model explains the recording, and what it does not."""
+    g = fit.goodness
+    if g is None:
+        return "not looked at"
+    if g.fails:
+        return f"FAILS: {g.says}; intervals are wider by that"
+    return f"p = {g.p:.2g}: spectrum {g.p_spectrum:.2g}, Allan {g.p_allan:.2g}, time {g.p_time:.2g}"
 
 
 def half_power(fit: Fit) -> Estimate:
@@ -125,6 +137,23 @@ def of_axis(fit: Fit) -> dict:
         "courses": [asdict(c) for c in fit.courses],
         "counts": None if fit.counts is None else asdict(fit.counts),
         "bic": fit.bic,
+        "goodness": None if fit.goodness is None else _goodness(fit.goodness),
+    }
+
+
+def _goodness(g: Goodness) -> dict:
+    """As JSON: p-values, what is not explained, and the power over the model's in bands."""
+    return {
+        "p": g.p,
+        "p_spectrum": g.p_spectrum,
+        "p_allan": g.p_allan,
+        "p_time": g.p_time,
+        "fails": g.fails,
+        "says": g.says,
+        "bands": [asdict(band) for band in g.bands],
+        "worst_band": asdict(g.worst),
+        "unsteady_band": asdict(g.unsteady),
+        "widened_by": list(g.widening) if g.fails else None,
     }
 
 

@@ -1,20 +1,31 @@
 """Which noise a static recording has: maximum likelihood, with profile-likelihood intervals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
 
 from lbgc.sensor import gaussian, noise
 from lbgc.sensor.counts import Counts
+from lbgc.sensor.goodness import Goodness, judge
 from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.ordinates import Ordinates
-from lbgc.sensor.profile import Estimate, interval
+from lbgc.sensor.profile import Estimate, interval, widened
 from lbgc.sensor.search import search, try_out
 from lbgc.sensor.shapes import Shape
 from lbgc.sensor.tones import Tone
 from lbgc.sensor.warmup import Course
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """What was fitted to what: densities of the recording and of the model, (M,), unit^2 s."""
+
+    f: np.ndarray
+    """Hz"""
+    recorded: np.ndarray
+    model: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -27,6 +38,9 @@ class Fit:
     ramp: Estimate
     """Of a linear drift R t, given the rest of the model: a random walk may explain it as well."""
     tones: tuple[Tone, ...]
+    goodness: Goodness | None = None
+    """How well the model explains the recording; None where that was not asked."""
+    spectrum: Spectrum | None = None
     courses: tuple[Course, ...] = ()
     """What the mean does beyond noise: taken out before the noise was fitted."""
     counts: Counts | None = None
@@ -80,6 +94,22 @@ def choose(
     best = search(data, corners, say)
     say(f"intervals of {len(best.values)} parameters")
     return fit(data, best.shapes, best.values)
+
+
+def judged(series: np.ndarray, data: Ordinates, fit: Fit) -> Fit:
+    """The fit with its goodness. Where the model fails, every interval is as wide as the bands of
+    the spectrum differ about its parameter. series : (R, n), what the data are of."""
+    values = {name: e.value for name, e in fit.estimates.items()}
+    goodness = judge(series, data, fit.shapes, values)
+    felt = [s for s in fit.shapes if values[s.names[0]] > 0]
+    p = np.log([values[name] for s in felt for name in s.names])
+    model = Likelihood(data, felt).variance(p)[0]
+    estimates = fit.estimates
+    if goodness.fails:
+        wide = zip(estimates.items(), goodness.widening, strict=True)
+        estimates = {name: widened(e, by) for (name, e), by in wide}
+    spectrum = Spectrum(data.grid.f, data.power / data.count, model)
+    return replace(fit, estimates=estimates, goodness=goodness, spectrum=spectrum)
 
 
 def _ramp(likelihood: Likelihood, p: np.ndarray) -> Estimate:

@@ -8,7 +8,7 @@ import numpy as np
 
 from lbgc.sensor import counts, warmup
 from lbgc.sensor.counts import Counts
-from lbgc.sensor.fitting import Fit, choose
+from lbgc.sensor.fitting import Fit, choose, judged
 from lbgc.sensor.ordinates import pooled
 from lbgc.sensor.profile import Estimate
 
@@ -27,12 +27,16 @@ def fitted(
     say("counts and warm-up")
     seen = counts.judged(series[0])
     settled = [warmup.taken_out(one, dt, corners) for one in series]
-    data = pooled(np.stack([rest for rest, _ in settled]), dt)
+    rest = np.stack([rest for rest, _ in settled])
+    plain = pooled(rest, dt)
     rounding = 0.0 if seen is None else seen.rounding(dt)
-    fit = choose(replace(data, rounding=rounding), corners, say)
+    data = replace(plain, rounding=rounding)
+    fit = choose(data, corners, say)
     if seen is not None and rounding > 0 and _is_carried(fit, seen.lsb * dt):
-        seen = replace(seen, kind="carried")
+        seen, data = replace(seen, kind="carried"), plain
         fit = choose(data, corners, say)
+    say("goodness of fit")
+    fit = judged(rest, data, fit)
     courses = tuple(course for _, own in settled for course in own)
     ramp = next((c for c in courses if c.kind == "ramp"), None)
     fit = replace(fit, courses=courses, counts=seen)

@@ -25,6 +25,7 @@ from lbgc.sensor.shapes import (
     QUANTISATION,
     Shape,
     core,
+    is_line,
     line,
     renumbered,
 )
@@ -33,8 +34,6 @@ WORTH = 6.0
 """What a further term must gain in the information criterion: strong evidence."""
 _MOST_TERMS = 12
 _ROUNDS = 12
-_ROUGH = {"steps": 12, "enough": 0.3}
-_FINE = {"steps": 40, "enough": 1e-3}
 _WINDOWS = (1, 2, 4, 8, 16, 32, 64, 128)
 _PEAK = 15.0
 """Of the logarithm, what a peak must promise to be tried; noise alone reaches it once in some 400
@@ -55,7 +54,7 @@ class Trial:
 
     @property
     def lines(self) -> list[Shape]:
-        return [s for s in self.shapes if s.names[0].startswith("line_sigma")]
+        return [s for s in self.shapes if is_line(s)]
 
     @property
     def white(self) -> Shape:
@@ -72,7 +71,7 @@ def search(
     """The model that explains the data best. say : told what is being tried."""
     begin = try_out(data, core(corners), {})
     best = _shaken(data, _grown(data, begin, say), say)
-    if best.lines:
+    if best.lines and peaks(data, best.model):  # it may have stuck
         together = _all_peaks(data, begin, say)
         if together.lines:
             other = _shaken(data, _grown(data, together, say), say)
@@ -84,15 +83,32 @@ def try_out(
     data: Ordinates,
     shapes: list[Shape],
     start: dict[str, float],
-    steps: int = 40,
-    enough: float = 1e-3,
+    rough: bool = False,
 ) -> Trial:
-    """Fit a model from this start; coefficients without one start from the data."""
+    """Fit a model from this start; coefficients without one start from the data. A rough trial
+    takes few steps, and lines stay as they are except where another is near."""
     likelihood = Likelihood(data, shapes)
     guess = np.log([first_guess(data, s, n, start) for s in shapes for n in s.names])
-    p, value = likelihood.minimise(guess, None, steps, enough)
+    if rough:
+        held = {likelihood.names.index(n): np.log(start[n]) for n in _far_lines(shapes, start)}
+        p, value = likelihood.minimise(guess, held, 10, 0.3)
+    else:
+        p, value = likelihood.minimise(guess, None, 40, 1e-3)
     values = dict(zip(likelihood.names, np.exp(p).tolist(), strict=True))
     return Trial(shapes, values, likelihood.bic(value), likelihood.variance(p)[0])
+
+
+def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
+    """The parameters of lines that are far from the last term, if that is a line, and of all but
+    those, if not."""
+    lines = [s for s in shapes if is_line(s)]
+    last = shapes[-1] if is_line(shapes[-1]) else None
+    for shape in lines:
+        if last is not None:
+            f, w = ([values[s.names[i]] for s in (shape, last)] for i in (1, 2))
+            if abs(f[0] - f[1]) < 4 * (w[0] + w[1]):
+                continue
+        yield from shape.names
 
 
 def is_sensible(values: dict[str, float], data: Ordinates) -> bool:
@@ -119,10 +135,10 @@ def half_power_ratio(damping: float) -> float:
 
 
 def _best(data: Ordinates, options: Sequence[Option]) -> list[Trial]:
-    """The three most promising of a short trial of each, fitted; sensible ones only."""
-    rough = [try_out(data, *option, **_ROUGH) for option in options]  # type: ignore[arg-type]
-    rough = sorted((t for t in rough if np.isfinite(t.bic)), key=lambda t: t.bic)[:3]
-    fine = [try_out(data, t.shapes, t.values, **_FINE) for t in rough]  # type: ignore[arg-type]
+    """The two most promising of a short trial of each, fitted; sensible ones only."""
+    rough = [try_out(data, *option, rough=True) for option in options]
+    rough = sorted((t for t in rough if np.isfinite(t.bic)), key=lambda t: t.bic)[:2]
+    fine = [try_out(data, t.shapes, t.values) for t in rough]
     return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.bic)
 
 

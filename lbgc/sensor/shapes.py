@@ -66,13 +66,17 @@ def line(k: int) -> Shape:
     return Shape(tuple(name + number for name in names), Line)
 
 
+def is_line(shape: Shape) -> bool:
+    return shape.names[0].startswith("line_sigma")
+
+
 def renumbered(
     shapes: Sequence[Shape], values: dict[str, float]
 ) -> tuple[list[Shape], dict[str, float]]:
     """The same model with its lines numbered from 1 on."""
     out, named, k = [], dict(values), 0
     for shape in shapes:
-        if not shape.names[0].startswith("line_sigma"):
+        if not is_line(shape):
             out.append(shape)
             continue
         k += 1
