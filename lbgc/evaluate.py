@@ -17,7 +17,7 @@ from lbgc.data import logs
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
-from lbgc.estimators import CLASSICAL
+from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, outcome_of
@@ -175,7 +175,7 @@ def _evaluate(
     """Every estimator on every window of every record."""
     evaluation = Evaluation()
     contenders = _contenders(config, estimators, subject.imu)
-    longest = 0.0
+    longest, coarse_means = 0.0, dict[float, str | None]()
     lengths: list[str | None] = []
     bar = tqdm(total=count, desc="evaluating", unit="rec", leave=False)
     for batch in batches(records):
@@ -191,6 +191,9 @@ def _evaluate(
                 continue
             calibrated = [cut(own.calibrated, window_s) for own in batch if own.calibrated]
             given = joined(each), joined(calibrated) if calibrated else None
+            if window_s not in coarse_means:
+                sample_s = None if subject.imu is None else subject.imu.dt
+                coarse_means[window_s] = coarse.note(given[0], sample_s)
             own = Own(np.repeat(heading, sizes), np.repeat(numbers, sizes))
             for name, one in contenders.items():
                 windows = given[one.calibrated]
@@ -218,6 +221,7 @@ def _evaluate(
         notes.append("one recording: intervals are over its windows, as if they were independent")
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]
     of_sensor = warnings(subject.imu, shortest)
+    notes += [note for note in coarse_means.values() if note is not None]
     notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
     return outcome_of(subject, evaluation, keys, notes, config.reach_deg), evaluation
 
