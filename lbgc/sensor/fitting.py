@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.fft
 
-from lbgc.sensor import gaussian
+from lbgc.sensor import gaussian, noise
+from lbgc.sensor.counts import Counts
 from lbgc.sensor.goodness import Goodness, judge
 from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.ordinates import Ordinates
@@ -14,6 +15,7 @@ from lbgc.sensor.profile import Estimate, interval, widened
 from lbgc.sensor.search import search, try_out
 from lbgc.sensor.shapes import Shape
 from lbgc.sensor.tones import Tone
+from lbgc.sensor.warmup import Course
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,18 @@ class Fit:
     goodness: Goodness | None = None
     """How well the model explains the recording; None where that was not asked."""
     spectrum: Spectrum | None = None
+    courses: tuple[Course, ...] = ()
+    """What the mean does beyond noise: taken out before the noise was fitted."""
+    counts: Counts | None = None
+    """The samples' counts, where they have any."""
+    rounding: float = 0.0
+    """Density of the samples' rounding, beside the terms: unit^2 s."""
+
+    @property
+    def printed(self) -> gaussian.Gaussians:
+        """The fitted terms and the samples' rounding: the noise of what was printed."""
+        own = (noise.White(float(np.sqrt(self.rounding))),) if self.rounding > 0 else ()
+        return (*self.terms(), *own)
 
     def terms(self) -> gaussian.Gaussians:
         """The fitted terms, at the maximum of the likelihood."""
@@ -58,7 +72,14 @@ def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = N
     likelihood = Likelihood(data, shapes)
     p, best = likelihood.minimise(np.log([begun.values[name] for name in likelihood.names]))
     estimates = {name: interval(likelihood, p, best, i) for i, name in enumerate(likelihood.names)}
-    return Fit(shapes, estimates, likelihood.bic(best), _ramp(likelihood, p), data.tones)
+    return Fit(
+        shapes,
+        estimates,
+        likelihood.bic(best),
+        _ramp(likelihood, p),
+        data.tones,
+        rounding=data.rounding,
+    )
 
 
 def choose(
