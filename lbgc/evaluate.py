@@ -15,9 +15,9 @@ from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.bound import floor
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
-from lbgc.data.windows import cut, joined
+from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
-from lbgc.estimators import CLASSICAL
+from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, outcome_of
@@ -175,7 +175,8 @@ def _evaluate(
     """Every estimator on every window of every record."""
     evaluation = Evaluation()
     contenders = _contenders(config, estimators, subject.imu)
-    longest = 0.0
+    longest, coarse_means = 0.0, dict[float, str | None]()
+    lengths: list[str | None] = []
     bar = tqdm(total=count, desc="evaluating", unit="rec", leave=False)
     for batch in batches(records):
         heading = np.array([heading_of(own.record, subject.against) for own in batch])
@@ -184,11 +185,15 @@ def _evaluate(
         longest = max(longest, batch[0].record.duration_s)
         for window_s in config.windows_s:
             each = [cut(own.record, window_s) for own in batch]
+            lengths.append(length_note(batch[0].record, window_s))
             sizes = [len(windows) for windows in each]
             if not any(sizes):
                 continue
             calibrated = [cut(own.calibrated, window_s) for own in batch if own.calibrated]
             given = joined(each), joined(calibrated) if calibrated else None
+            if window_s not in coarse_means:
+                sample_s = None if subject.imu is None else subject.imu.dt
+                coarse_means[window_s] = coarse.note(given[0], sample_s)
             own = Own(np.repeat(heading, sizes), np.repeat(numbers, sizes))
             for name, one in contenders.items():
                 windows = given[one.calibrated]
@@ -197,7 +202,7 @@ def _evaluate(
         bar.update(len(batch))
     bar.close()
     shortest = min(config.windows_s)
-    if longest < shortest:
+    if longest < shortest and not evaluation.answers:
         raise InputError(
             "the longest recording",
             f"{longest:g}",
@@ -209,12 +214,14 @@ def _evaluate(
     notes = [
         f"windows of {window:g} s are left out: the longest recording has {longest:g} s"
         for window in config.windows_s
-        if window > longest
+        if window > longest and not any(window == own for _, own in evaluation.answers)
     ]
+    notes += dict.fromkeys(note for note in lengths if note)
     if len(evaluation.recordings) == 1:
         notes.append("one recording: intervals are over its windows, as if they were independent")
     keys = [(n, w) for n in contenders for w in config.windows_s if (n, w) in evaluation.answers]
     of_sensor = warnings(subject.imu, shortest)
+    notes += [note for note in coarse_means.values() if note is not None]
     notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
     return outcome_of(subject, evaluation, keys, notes, config.reach_deg), evaluation
 

@@ -44,7 +44,7 @@ def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
 
 def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterator[Measured], int]:
     """A log's description, its recordings and how many there are. imu : what is said of it."""
-    records = list(logs.read(log))
+    records = list(logs.read(log, None if imu is None else imu.model(log.rate_hz or 1.0)))
     unknown = [record.name for record in records if record.heading_reference is None]
     if unknown:
         whose = unknown[0] + (f" and {len(unknown) - 1} more" if len(unknown) > 1 else "")

@@ -155,6 +155,16 @@ def test_headings_that_are_missing_are_named_and_the_bias_is_told(rng, headings,
     assert "nan" not in said
 
 
+def test_a_navigation_grade_bias_shows_its_digits(rng):
+    heading = np.arange(12) * np.pi / 6
+    truth = np.einsum("j,rji->ri", earth_rate_ned(0.5), rotation_z(heading))
+    rates = truth + 0.0035 * DPH + 0.0003 * DPH * rng.standard_normal(truth.shape)
+    said = report(calibrate(rates, heading, 0.5), "mine").split()
+    shown = said[said.index("forward") + 4]
+    assert float(shown) == pytest.approx(0.0035, abs=0.0005)
+    assert len(shown) >= len("+0.00350")
+
+
 def test_three_recordings_give_a_bias_with_their_freedom(rng):
     """Two degrees of freedom: t is 4.30."""
     found = calibrate(1e-6 * rng.standard_normal((3, 3)), np.zeros(3), 0.5)
@@ -255,6 +265,17 @@ def test_a_two_position_set_is_refused(cli, tmp_path):
     done = cli("lbgc.calibrate", "data=d.zarr")
     assert done.code == 2
     assert "180 deg: is how far its plate turns" in done.err
+
+
+def test_headings_on_one_side_are_said(cli, tmp_path, rng):
+    rates, heading = means(rng, np.zeros(3), np.zeros((3, 3)), 0.2 * DPH, 60)
+    names = ("gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
+    for rows, says in ((slice(0, 20), True), (slice(None), False)):
+        table = {"heading_deg": heading[rows] / DEG}
+        table |= dict(zip(names, (rates[rows] / DEG).T, strict=True))
+        write(tmp_path / "m.csv", table)
+        done = cli("lbgc.calibrate", "means=m.csv", "latitude=32.76")
+        assert ("headings are on one side: others near 237 deg" in done.out) == says
 
 
 def test_columns_of_force_level_the_means(cli, tmp_path, rng):

@@ -209,7 +209,7 @@ def test_a_sway_tells_a_mirrored_frame_from_a_right_one():
 def test_a_real_vehicles_sway_tells_a_mirrored_frame():
     log = composed(EvaluateConfig, "evaluate", "log=lasergyro").log
     (record,) = read(log)
-    assert record.notes == ()
+    assert not any(note.startswith("mirrored") for note in record.notes)
     mirrored = np.diag([1.0, -1.0, 1.0])
     wrong = replace(record, gyro=record.gyro @ mirrored, accel=record.accel @ mirrored)
     own = replace(log, latitude=34.24605, gyro_unit="arcsec", accel_unit="ug*s")
