@@ -8,11 +8,12 @@ import scipy.fft
 
 from lbgc.sensor import gaussian
 from lbgc.sensor.goodness import Goodness, judge
+from lbgc.sensor.instability import allan_minimum
 from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.ordinates import Ordinates
 from lbgc.sensor.profile import Estimate, interval, mixture_quantiles, widened
 from lbgc.sensor.search import search, try_out
-from lbgc.sensor.shapes import BUTTERWORTH_WHITE, QUANTISATION, Shape
+from lbgc.sensor.shapes import BUTTERWORTH_WHITE, QUANTISATION, FlickerBetween, Shape
 from lbgc.sensor.tones import Tone
 
 
@@ -39,6 +40,19 @@ class Fit:
     goodness: Goodness | None = None
     """How well the model explains the recording; None where that was not asked."""
     spectrum: Spectrum | None = None
+
+    @property
+    def corners(self) -> tuple[float, float]:
+        """Of the bias instability's floor, s."""
+        build = next(s.build for s in self.shapes if s.names == ("B",))
+        assert isinstance(build, FlickerBetween)
+        return build.short, build.long
+
+    @property
+    def allan_minimum(self) -> tuple[float, float]:
+        """The lowest point of the fitted Allan deviation, unit, and its averaging time, s."""
+        n, b, k = (self.estimates[name].value for name in ("N", "B", "K"))
+        return allan_minimum(n, b, k, self.corners)
 
     def terms(self) -> gaussian.Gaussians:
         """The fitted terms, at the maximum of the likelihood."""

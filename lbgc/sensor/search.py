@@ -1,11 +1,11 @@
 """Which terms a recording's noise is made of.
 
 From the core (white noise, bias instability, random walk) terms are added one by one, where the
-likelihood gains more by them than chance would give in one log of some hundreds: angle quantisation, an output filter, a Gauss-Markov
-process, lines where the spectrum stands above the model. Such a search sticks: two lines close to
-each other look like one, and a line hides a filter. So what was found is also shaken: lines split
-and merge, every term is left out in turn, and the search starts a second time from all the peaks of
-the spectrum at once.
+likelihood gains more by them than chance would give in one log of some hundreds: an angle
+quantisation, an output filter, a Gauss-Markov process, lines where the spectrum stands above the
+model. Such a search sticks: two lines close to each other look like one, and a line hides a filter.
+So what was found is also shaken: lines split and merge, every term is left out in turn, and the
+search starts a second time from all the peaks of the spectrum at once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
