@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.fft
 
-from lbgc.sensor import gaussian
+from lbgc.sensor import gaussian, noise
+from lbgc.sensor.counts import Counts
 from lbgc.sensor.goodness import Goodness, judge
 from lbgc.sensor.instability import allan_minimum
 from lbgc.sensor.likelihood import Likelihood
@@ -15,6 +16,7 @@ from lbgc.sensor.profile import Estimate, interval, mixture_quantiles, widened
 from lbgc.sensor.search import search, try_out
 from lbgc.sensor.shapes import BUTTERWORTH_WHITE, QUANTISATION, FlickerBetween, Shape
 from lbgc.sensor.tones import Tone
+from lbgc.sensor.warmup import Course
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,18 @@ class Fit:
     goodness: Goodness | None = None
     """How well the model explains the recording; None where that was not asked."""
     spectrum: Spectrum | None = None
+    courses: tuple[Course, ...] = ()
+    """What the mean does beyond noise: taken out before the noise was fitted."""
+    counts: Counts | None = None
+    """The samples' counts, where they have any."""
+    rounding: float = 0.0
+    """Density of the samples' rounding, beside the terms: unit^2 s."""
+
+    @property
+    def printed(self) -> gaussian.Gaussians:
+        """The fitted terms and the samples' rounding: the noise of what was printed."""
+        own = (noise.White(float(np.sqrt(self.rounding))),) if self.rounding > 0 else ()
+        return (*self.terms(), *own)
 
     @property
     def corners(self) -> tuple[float, float]:
@@ -74,7 +88,14 @@ def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = N
     estimates = {name: interval(likelihood, p, best, i) for i, name in enumerate(likelihood.names)}
     if "N" in estimates:
         estimates["N"] = _allowing(data, shapes, begun.values, estimates["N"], best)
-    return Fit(shapes, estimates, likelihood.bic(best), _ramp(likelihood, p), data.tones)
+    return Fit(
+        shapes,
+        estimates,
+        likelihood.bic(best),
+        _ramp(likelihood, p),
+        data.tones,
+        rounding=data.rounding,
+    )
 
 
 def choose(
