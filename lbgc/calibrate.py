@@ -4,21 +4,32 @@ python lbgc/calibrate.py means=FILE latitude=32.76
 python lbgc/calibrate.py data=PATH
 """
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from lbgc.data import logs
+from lbgc.data import logs, rest
 from lbgc.data.record import Record
+from lbgc.data.static import AXES
 from lbgc.data.store import Dataset
+from lbgc.earth import EARTH_RATE, heading_exists
 from lbgc.errors import InputError, require, run_main
+from lbgc.estimators.level import level
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
-from lbgc.sensor.calibration import Calibration, calibrate
+from lbgc.report.calibrated import report
+from lbgc.sensor.calibration import FEWEST, calibrate, odd_one_out
 from lbgc.units import DEG, HOUR
 
-FEWEST = 6
 COLUMNS = ("heading_deg", "gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
+FORCES = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
+_ONE_SIDED = 0.4
+"""Length of the headings' mean direction, 1 where they are all one, from which it is said."""
+_LEANT = 1e-3
+"""Scale per deg/h/g from which it is said."""
+_UPRIGHT = 10 * DEG
+"""Of the forward axis from the vertical, within which it has no heading."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +37,8 @@ class CalibrateConfig:
     """What `conf/calibrate.yaml` holds."""
 
     means: str | None = None
-    """A CSV file of recording means: heading_deg, gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s, and
-    session (which power-up) where that is known."""
+    """A CSV file of recording means: heading_deg, gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s; where
+    known session (which power-up), and accel_x_m_s2, accel_y_m_s2, accel_z_m_s2, which level it."""
     latitude: float | None = None
     """degrees, of those means"""
     data: str | None = None
@@ -42,87 +53,134 @@ class CalibrateConfig:
             require(self.latitude is not None, "latitude", None, "must be given with means=FILE")
 
 
+@dataclass(frozen=True)
+class Given:
+    """What there is to calibrate from."""
+
+    name: str
+    means: rest.Means
+    session: np.ndarray | None
+    """(R,), where known"""
+    tilt: tuple[np.ndarray, np.ndarray] | None
+    """Roll and pitch, (R,) each, rad; None where nothing says"""
+
+
 def main(config: CalibrateConfig) -> Path:
     """Calibrate, print what was found, write it as JSON; return the file."""
-    rates, heading, latitude, session, name = _read(config)
-    if len(rates) < FEWEST:
-        raise InputError(name, len(rates), "recordings", f"are too few: {FEWEST} at the least")
-    found = calibrate(rates, heading, latitude, session)
-    print(report(found, name))
-    directory = task_directory("calibrate", fingerprint({**asdict(config), "name": name}))
-    write_atomically(directory / "calibration.json", as_json(vars(found)) + "\n")
+    given = _read(config)
+    require_sound(given)
+    means = given.means
+    found = calibrate(means.rates, means.heading, means.latitude, given.session, given.tilt)
+    print(report(found, given.name, _notes(given)))
+    directory = task_directory("calibrate", fingerprint({**asdict(config), "name": given.name}))
+    write_atomically(directory / "calibration.json", as_json(asdict(found)) + "\n")
     mark_latest(directory)
     return directory / "calibration.json"
 
 
-def _read(config: CalibrateConfig) -> tuple[np.ndarray, np.ndarray, float, np.ndarray | None, str]:
-    """Mean rates (R, 3) in rad/s, headings (R,) and latitude in rad, sessions (R,) where known, and
-    what they are from."""
+def tilt_of(force: np.ndarray, names: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch, (R,) each, rad, of mean forces at rest (R, 3). Raises InputError where the
+    forward axis has no heading."""
+    roll, pitch = level(force)
+    for name, angle in zip(names, pitch, strict=True):
+        if abs(angle) > np.pi / 2 - _UPRIGHT:
+            raise InputError(
+                name,
+                f"{angle / DEG:.1f}",
+                "deg",
+                "is the forward axis's pitch: it is vertical and has no heading",
+            )
+    return roll, pitch
+
+
+def _read(config: CalibrateConfig) -> Given:
     if config.means is not None:
         assert config.latitude is not None
-        table = logs.columns(config.means, COLUMNS, optional=("session",))
-        session = table[:, 4] if table.shape[1] > 4 else None
-        rates, heading = table[:, 1:4] * DEG, table[:, 0] * DEG
-        return rates, heading, config.latitude * DEG, session, config.means
+        return _table(config.means, config.latitude * DEG)
+    session = None
     if config.data is not None:
         dataset = Dataset.open_finished(config.data)
         units = len(np.unique(dataset.label("unit")))
         require(units == 1, "data", config.data, f"has {units} units; a calibration is of one")
-        records = list(dataset.records(np.arange(len(dataset))))
-        return *_means(records), dataset.label("session"), str(dataset.path)
-    assert config.log is not None
-    return *_means(list(logs.read(config.log, north=False))), None, config.log.name
-
-
-def _means(records: list[Record]) -> tuple[np.ndarray, np.ndarray, float]:
-    for record in records:
-        if record.heading_reference is None:
-            raise InputError(
-                record.name, "(unknown)", "", "has no heading: give labelled recordings"
-            )
-    heading = np.array([r.heading_reference for r in records], dtype=float)
-    rates = np.stack([r.gyro.mean(axis=0) for r in records])
-    return rates, heading, records[0].latitude
-
-
-def report(c: Calibration, name: str) -> str:
-    """What was found, as a person reads it; deg/h and degrees."""
-    dph = DEG / HOUR
-    lines = [f"{name}: {c.recordings} recordings of one unit"]
-    for axis, label in enumerate(("forward", "right", "down")):
-        bias, sigma, run = (v[axis] / dph for v in (c.bias, c.bias_sigma, c.run_sigma))
-        between = ""
-        if c.session_sigma is not None:
-            between = f"between sessions {c.session_sigma[axis] / dph:.2f}, "
-        lines.append(
-            f"  bias {label:8s} unit {bias:+.2f} +- {sigma:.2f} deg/h, {between}run to run "
-            f"{run:.2f} deg/h"
-        )
-    for axis, label in enumerate(("forward", "right")):
-        scale, cross = c.matrix[axis, axis], 1e3 * c.matrix[axis, 1 - axis]
-        sigma, cross_sigma = c.matrix_sigma[axis, axis], 1e3 * c.matrix_sigma[axis, 1 - axis]
-        lines.append(
-            f"  {label:13s} scale {scale:+.2%} +- {sigma:.2%}, misalignment "
-            f"{cross:+.1f} +- {cross_sigma:.1f} mrad"
-        )
-    lines += [
-        f"  across north {c.across_rms / dph:.2f} deg/h RMS: that turns the heading",
-        f"  along it mean {c.along_mean / dph:+.2f}, spread {c.along_sigma / dph:.2f} deg/h: that "
-        "changes the rate's size only",
-        f"  heading RMSE of the plain mean {c.heading_rmse / DEG:.2f} deg",
-        f"  that bias taken out: {_verdict(c.heading_rmse_without_bias, c)}",
-        f"  bias, scale and misalignment taken out: {_verdict(c.heading_rmse_without_all, c)}",
-        "  (on the recordings it was fitted to: on new ones it can only be worse)",
-    ]
-    return "\n".join(lines)
-
-
-def _verdict(rmse: float, c: Calibration) -> str:
-    if rmse > c.heading_rmse:
-        said = "worse: it is no constant of this unit, however significant it looks"
+        records, name = dataset.records(np.arange(len(dataset))), str(dataset.path)
+        session = dataset.label("session")
     else:
-        said = "better"
-    return f"{rmse / DEG:.2f} deg, {said}"
+        assert config.log is not None
+        records, name = logs.read(config.log, north=False), config.log.name
+    return given_of(records, name, session)
+
+
+def given_of(records: Iterable[Record], name: str, session: np.ndarray | None) -> Given:
+    """Recordings' means, levelled. Raises InputError where one does not rest."""
+    means = rest.means(records)
+    return Given(name, means, session, tilt_of(means.force, means.names))
+
+
+def _table(path: str, latitude: float) -> Given:
+    """A CSV file of means."""
+    table = logs.columns(path, COLUMNS, optional=("session",))
+    session = table[:, 4] if table.shape[1] > 4 else None
+    names = tuple(f"{path}, row {row}" for row in range(len(table)))
+    force, tilt = np.zeros((len(table), 3)), None
+    found = logs.columns(path, COLUMNS[:1], optional=FORCES).shape[1] - 1
+    if found:
+        force = logs.columns(path, FORCES)
+        tilt = tilt_of(force, names)
+    rates, latitudes = table[:, 1:4] * DEG, np.full(len(table), latitude)
+    means = rest.Means(rates, force, table[:, 0] * DEG, latitudes, names, ())
+    return Given(path, means, session, tilt)
+
+
+def require_sound(given: Given) -> None:
+    """Raises InputError where there is too little, or one recording is none of the others'."""
+    means = given.means
+    count = len(means.rates)
+    if count < FEWEST:
+        raise InputError(given.name, count, "recordings", f"are too few: {FEWEST} at the least")
+    good = heading_exists(means.latitude)
+    require(bool(good.all()), "latitude", means.latitude.max() / DEG, "is a pole: no heading there")
+    odd = odd_one_out(means.rates, means.heading, means.latitude, given.session, given.tilt)
+    if odd is not None:
+        at, axis, distance, spread = odd
+        raise InputError(
+            means.names[at],
+            f"{distance / DEG * HOUR:.4g}",
+            "deg/h",
+            f"is how far its {AXES[axis]} rate is from what the other recordings make of it, which "
+            f"scatter by {spread / DEG * HOUR:.3g} deg/h: it was not at rest, or not at its "
+            "heading; leave it out",
+        )
+
+
+def _notes(given: Given) -> list[str]:
+    """What a reader must know of the recordings."""
+    notes = list(given.means.notes)
+    middle = np.mean(np.exp(1j * given.means.heading))
+    if _ONE_SIDED < abs(middle) < 0.98:
+        opposite = (np.angle(middle) / DEG + 180) % 360
+        notes.append(
+            f"headings are on one side: others near {opposite:.0f} deg would tell bias, scale and "
+            "misalignment from each other better"
+        )
+    if given.tilt is None:
+        lean = np.tan(np.abs(given.means.latitude).max()) * DEG
+        notes.append(
+            f"no accelerometer columns ({', '.join(FORCES)}): taken as level; a base that leans by "
+            f"1 degree would look like {lean:.1%} of scale and {1e3 * lean:.0f} mrad of "
+            "misalignment"
+        )
+    else:
+        lean = np.rad2deg(np.abs(given.tilt)).max()
+        notes.append(f"levelled by the accelerometers: roll and pitch are up to {lean:.2f} deg")
+        turning = given.means.force[:, :2] / np.linalg.norm(given.means.force, axis=1)[:, None]
+        earth = EARTH_RATE * np.cos(given.means.latitude).mean() / DEG * HOUR
+        looks = np.linalg.norm(turning.std(axis=0)) / earth
+        if looks > _LEANT:
+            notes.append(
+                "gravity turns with the headings on this lean: 1 deg/h/g of g-sensitivity would "
+                f"look like {looks:.2%} of scale"
+            )
+    return notes
 
 
 if __name__ == "__main__":

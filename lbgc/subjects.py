@@ -44,7 +44,7 @@ def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
 
 def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterator[Measured], int]:
     """A log's description, its recordings and how many there are. imu : what is said of it."""
-    records = list(logs.read(log))
+    records = list(logs.read(log, None if imu is None else imu.model(log.rate_hz or 1.0)))
     unknown = [record.name for record in records if record.heading_reference is None]
     if unknown:
         whose = unknown[0] + (f" and {len(unknown) - 1} more" if len(unknown) > 1 else "")
@@ -64,6 +64,7 @@ def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterato
         some[0].latitude,
         identity="",
         imu=model,
+        sensor=None if imu is None else imu.name,
     )
     return subject, (Measured(record) for record in records), len(records)
 
@@ -92,6 +93,7 @@ def of_dataset(
         identity=dataset.identity,
         configuration=configuration,
         imu=(told or own).model(float(configuration["rate_hz"])),
+        sensor=(told or own).name,
         picture=dataset.path.with_suffix(".png"),
     )
     measured: Iterator[Measured] = (Measured(record) for record in dataset.records(indices))

@@ -6,7 +6,9 @@ from dataclasses import replace
 from lbgc.data.findings import Finding
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.plausible import force_finding, rate_finding, resting
+from lbgc.data.printed import channels, counts_finding, held_finding, rail_finding
 from lbgc.data.record import Record
+from lbgc.data.spoiled import outliers_finding, pasted_finding, stuck_finding
 from lbgc.data.triads import (
     Frames,
     frames_finding,
@@ -34,6 +36,16 @@ def _findings(
     record: Record, config: LogConfig, imu: ImuModel | None, north: bool
 ) -> Iterator[Finding]:
     """In an order in which the first refusal names the cause: values, units, frames, geometry."""
+    every = channels(record, config, imu)
+    values = (
+        stuck_finding(record, every),
+        outliers_finding(record, every),
+        rail_finding(record.name, every),
+        pasted_finding(record),
+        counts_finding(every),
+        held_finding(record),
+    )
+    yield from (found for found in values if found is not None)
     rest = resting(record, config, imu)
     force = force_finding(rest, config, record.rate_hz)
     if force is not None:

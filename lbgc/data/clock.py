@@ -107,7 +107,7 @@ def unit_of_time(name: str, step: float, duration: float, said: Said) -> tuple[s
 def _require_plausible(name: str, unit: str, step: float, duration: float, said: Said) -> None:
     if _is_plausible(step, duration, unit):
         return
-    fits = [u for u in TIME_UNITS if u != unit and _is_plausible(step, duration, u)]
+    fits = [u for u in _TRIED if u != unit and _is_plausible(step, duration, u)]
     fits = [u for u in fits if _agrees(step, u, said.rate_hz)] or fits
     advice = "no unit of time makes sense of it; give log.rate_hz, and log.time_column=none"
     if fits:

@@ -12,6 +12,7 @@ CHECKS = (
     "rail",
     "pasted",
     "counts",
+    "held",
     "force",
     "unit",
     "bias",

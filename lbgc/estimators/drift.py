@@ -71,7 +71,7 @@ def _drift(
     constant = other + sum(
         np.square(b) for b in (triad.bias_unit, triad.bias_session, triad.bias_run)
     )
-    warm, warmer = (_rise(imu, start_s + shift) for shift in (0.0, duration_s))
+    warm, warmer = (rise(imu, start_s + shift) for shift in (0.0, duration_s))
     constant = constant + np.outer(warm**2, np.square(triad.bias_per_k))
     walk = np.outer((warmer - warm) ** 2 / duration_s, np.square(triad.bias_per_k))
     for axis in range(3):
@@ -98,7 +98,7 @@ def _drift(
     )
 
 
-def _rise(imu: ImuModel, time_s: np.ndarray) -> np.ndarray:
+def rise(imu: ImuModel, time_s: np.ndarray) -> np.ndarray:
     """Of temperature since power-up, K, at times (W,) since the recording's start."""
     since = (imu.warming.since_power_up_s + time_s) / imu.warming.time_s
     return np.asarray(imu.warming.rise_k * -np.expm1(-since))

@@ -12,7 +12,8 @@ begins; a small-angle heading error would not. What it has learnt of q at the en
 told at the start, is a log-likelihood q' h - q' J q/2, and the circle is put back there (see
 lbgc.estimators.information). The other errors are attitude phi (true C = (I + phi x) C), velocity,
 and biases: of each gyro and accelerometer a constant that walks and one Gauss-Markov process (see
-lbgc.estimators.drift), and what a rate about z makes in each gyro: misalignment, and scale in z.
+lbgc.estimators.drift), and what a rate about z makes in each gyro: misalignment, and scale in z. A
+sensor that warms up has each gyro's bias by the kelvin besides, times the course of the warming.
 
     phi' = -w_ie x phi - C (b_g + m w_z + white) - dw_ie(q)
     v'   = -f x phi - C (b_a + white)
@@ -31,7 +32,7 @@ of a second blur a sway of one or two cycles a second: there sigma is too large,
 (`oba` sees the samples).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,11 +46,11 @@ from lbgc.estimators.steps import Steps, coarse, cut_steps, sway
 from lbgc.frames import matrix_to_euler, rotation_matrix, rotation_z, skew, wrap
 from lbgc.sensor.imu import ImuModel
 
-PHI, V, Q, BG, BA, M, WG, WA = (
+PHI, V, Q, BG, BA, M, WG, WA, T = (
     slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 11), slice(11, 14), slice(14, 17),
-    slice(17, 20), slice(20, 23),
+    slice(17, 20), slice(20, 23), slice(23, 26),
 )  # fmt: skip
-STATES = 23
+_STATES = 23  # T besides, of a sensor that warms up
 _MOST_STEPS = 240
 _FAST_HZ = 10.0
 _SLOWEST_HZ = 5.0
@@ -114,28 +115,29 @@ class _State:
     velocity: np.ndarray
     q: np.ndarray
     other: np.ndarray
-    """(W, 15): biases, misalignment, Gauss-Markov parts, as in P"""
+    """(W, states - 8): biases, misalignment, Gauss-Markov parts, biases by the kelvin, as in P"""
     P: np.ndarray
-    """(W, STATES, STATES)"""
+    """(W, states, states)"""
 
     def take(self, error: np.ndarray) -> None:
-        """The errors found, (W, STATES), into what is believed."""
+        """The errors found, (W, states), into what is believed."""
         self.c_nb = rotation_matrix(error[:, PHI]) @ self.c_nb
         self.velocity += error[:, V]
         self.q += error[:, Q]
         self.other += error[:, BG.start :]
 
-    @property
-    def misalignment(self) -> np.ndarray:
-        return self.other[:, M.start - BG.start : M.stop - BG.start]
+    def one(self, which: slice) -> np.ndarray:
+        """One of the others, (W, 3)."""
+        return self.other[:, which.start - BG.start : which.stop - BG.start]
 
-    def bias(self, one: slice, two: slice) -> np.ndarray:
-        """The sum of two of the others, (W, 3)."""
-        shift = BG.start
-        return np.asarray(
-            self.other[:, one.start - shift : one.stop - shift]
-            + self.other[:, two.start - shift : two.stop - shift]
-        )
+    def of_gyro(self, rate: np.ndarray, warmth: np.ndarray | None) -> np.ndarray:
+        """The gyros' errors, (W, 3), rad/s. rate : (W, 3), rad/s; warmth : (W,), K, or None."""
+        found = self.one(BG) + self.one(WG) + self.one(M) * rate[:, 2:]
+        return found if warmth is None else found + self.one(T) * warmth[:, None]
+
+    def of_accel(self) -> np.ndarray:
+        """The accelerometers' errors, (W, 3), m/s^2."""
+        return np.asarray(self.one(BA) + self.one(WA))
 
 
 @dataclass(frozen=True)
@@ -151,25 +153,34 @@ class _Law:
     gravity: np.ndarray
     """(W, 3), m/s^2"""
     start: np.ndarray
-    """(W, STATES), variances"""
+    """(W, states), variances"""
     decay: np.ndarray
-    """(STATES,), of a state in a step"""
+    """(states,), of a state in a step"""
     driven: np.ndarray
-    """(W, STATES), variances that a step adds"""
+    """(W, states), variances that a step adds"""
+    warmth: np.ndarray | None
+    """(W, n), K, since power-up, in each step; None where that changes no gyro's bias"""
+
+    def warmth_at(self, k: int) -> np.ndarray | None:
+        return None if self.warmth is None else self.warmth[:, k]
 
     @classmethod
     def of(cls, windows: Windows, imu: ImuModel, steps: Steps, still: bool) -> "_Law":
         latitude, start_s = windows.latitude, windows.start_s
         w, h = len(windows), steps.interval
         g = normal_gravities(latitude)
-        gyro = drift.of_gyro(imu, windows.duration_s, start_s, latitude, g)
+        none = (0.0, 0.0, 0.0)  # how a bias changes by the kelvin is a state of its own
+        steady = replace(imu, gyro=replace(imu.gyro, bias_per_k=none))
+        gyro = drift.of_gyro(steady, windows.duration_s, start_s, latitude, g)
         accel = drift.of_accel(imu, windows.duration_s, start_s, g)
         earth = np.zeros((w, 3, 2))
         earth[:, 0, 0] = EARTH_RATE * np.cos(latitude)
         earth[:, 1, 1] = -earth[:, 0, 0]
         vertical, gravity = np.zeros((w, 3)), np.zeros((w, 3))
         vertical[:, 2], gravity[:, 2] = -EARTH_RATE * np.sin(latitude), g
-        start, driven, decay = np.zeros((w, STATES)), np.zeros((w, STATES)), np.ones(STATES)
+        warms = imu.warming.rise_k != 0 and any(imu.gyro.bias_per_k)
+        states = T.stop if warms else _STATES
+        start, driven, decay = np.zeros((w, states)), np.zeros((w, states)), np.ones(states)
         start[:, PHI] = _TILT_SIGMA**2, _TILT_SIGMA**2, 0.0
         start[:, V], start[:, Q] = _SHAKEN**2, _Q_SIGMA**2
         start[:, M] = np.square([*imu.gyro.misalignment_unit[:2], imu.gyro.scale_unit[2]])
@@ -182,7 +193,12 @@ class _Law:
         spin = np.abs(np.where(steps.even, 2 * steps.half / h, 0.0)).max(axis=1)
         start[:, BA.start : BA.start + 2] += ((_LEVER_M * spin**2) ** 2)[:, None]
         driven[:, V] = accel.white * h
-        return cls(gyro, accel, earth, vertical, gravity, start, decay, driven)
+        warmth = None
+        if warms:
+            start[:, T] = np.square(imu.gyro.bias_per_k)
+            middles = (np.arange(steps.angle.shape[1]) + 0.5) * h
+            warmth = drift.rise(imu, start_s[:, None] + middles)
+        return cls(gyro, accel, earth, vertical, gravity, start, decay, driven, warmth)
 
 
 def _filter(
@@ -193,8 +209,10 @@ def _filter(
     law = _Law.of(windows, imu, steps, still)
     base, c_nb, first = coarse(steps)
     w, n = steps.angle.shape
-    P = law.start[:, :, None] * np.eye(STATES)
-    state = _State(c_nb, np.zeros((w, 3)), np.zeros((w, 2)), np.zeros((w, 15)), P)
+    states = law.start.shape[1]
+    P = law.start[:, :, None] * np.eye(states)
+    other = np.zeros((w, states - BG.start))
+    state = _State(c_nb, np.zeros((w, 3)), np.zeros((w, 2)), other, P)
     R = np.full((w, 7), _ENCODER**2)
     R[:, :3] = (law.gyro.white + 2 * law.gyro.angle / windows.duration_s) / steps.interval
     R[:, 3:6] = noise[:, None]
@@ -224,7 +242,8 @@ def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -
     h, rate = steps.interval, steps.rate[:, k]
     plate = steps.half[:, k] * steps.even[:, k]
     earth = law.vertical + np.einsum("wij,wj->wi", law.earth, state.q)
-    of_gyro = state.bias(BG, WG) + state.misalignment * rate[:, 2:]
+    warmth = law.warmth_at(k)
+    of_gyro = state.of_gyro(rate, warmth)
     c_nb = state.c_nb
     middle = np.where(held[:, None, None], rotation_z(plate), rotation_matrix(rate * h / 2))
     middle = c_nb @ middle
@@ -232,16 +251,18 @@ def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -
     stays = held & (plate == 0.0)
     push = np.where(stays[:, None], steps.force[:, k] * h, steps.push[:, k])
     pushed = np.einsum("wij,wj->wi", c_nb, push)
-    pushed -= np.einsum("wij,wj->wi", middle, state.bias(BA, WA)) * h
+    pushed -= np.einsum("wij,wj->wi", middle, state.of_accel()) * h
     state.velocity += pushed + law.gravity * h
     state.c_nb = np.where(held[:, None, None], c_nb @ rotation_z(2 * plate), on)
 
     carried = (~held)[:, None, None]
-    D = np.zeros((len(held), 6, STATES))  # the transition of phi and v, less identity
+    D = np.zeros((len(held), 6, len(law.decay)))  # the transition of phi and v, less identity
     D[:, PHI, PHI] = -skew(earth * h) * carried
     D[:, PHI, Q] = -law.earth * h * carried
     D[:, PHI, BG] = D[:, PHI, WG] = -middle * h * carried
     D[:, PHI, M] = D[:, PHI, BG] * rate[:, None, 2:]
+    if warmth is not None:
+        D[:, PHI, T] = D[:, PHI, BG] * warmth[:, None, None]
     D[:, V, PHI] = -skew(pushed)
     D[:, V, BA] = D[:, V, WA] = -middle * h
     P = state.P
@@ -251,7 +272,7 @@ def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -
     P[:, :6, :6] += moved @ np.swapaxes(D, 1, 2)
     P *= law.decay[:, None] * law.decay
     state.other *= law.decay[BG.start :]
-    diagonal = np.arange(STATES)
+    diagonal = np.arange(len(law.decay))
     P[:, diagonal, diagonal] += law.driven
     P[:, PHI, PHI] += carried * (law.gyro.white * h) * np.eye(3)
 
@@ -260,7 +281,7 @@ def _innovation(
     state: _State, law: _Law, steps: Steps, k: int, base: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rate (rad/s) less what is expected on the plate; zero less velocity (m/s); the plate's angle
-    (rad) less what C makes of it; all (W, 7). And how they move with the errors, (W, 7, STATES).
+    (rad) less what C makes of it; all (W, 7). And how they move with the errors, (W, 7, states).
 
     base : (W, 3, 3), its attitude at first; start : C at the step's start.
     """
@@ -269,21 +290,24 @@ def _innovation(
     half = steps.half[:, k] * steps.even[:, k]
     c_bn = np.swapaxes(state.c_nb @ rotation_z(-half), 1, 2)  # in the middle, and its mean
     c_bn[:, :2] *= np.sinc(half / np.pi)[:, None, None]
-    of_gyro = state.bias(BG, WG) + state.misalignment * rate[:, 2:]
+    warmth = law.warmth_at(k)
+    of_gyro = state.of_gyro(rate, warmth)
     z = np.zeros((len(rate), 7))
     z[:, :3] = rate - of_gyro - np.einsum("wij,wj->wi", c_bn, earth)
     z[:, 2] -= 2 * half / steps.interval
     back = np.einsum("wij,wj->wi", start, steps.push[:, k] - steps.mean_push[:, k])
     short = steps.interval - steps.mean_time
-    free = law.gravity - np.einsum("wij,wj->wi", start, state.bias(BA, WA))
+    free = law.gravity - np.einsum("wij,wj->wi", start, state.of_accel())
     z[:, 3:6] = back + free * short - state.velocity
     angle = steps.angle[:, k] + steps.half[:, k]
     z[:, 6] = wrap(angle - matrix_to_euler(np.swapaxes(base, 1, 2) @ state.c_nb)[2])
-    H = np.zeros((len(rate), 7, STATES))
+    H = np.zeros((len(rate), 7, len(law.decay)))
     H[:, :3, PHI] = c_bn @ skew(earth)
     H[:, :3, Q] = c_bn @ law.earth
     H[:, :3, BG] = H[:, :3, WG] = np.eye(3)
     H[:, :3, M] = np.eye(3) * rate[:, None, 2:]
+    if warmth is not None:
+        H[:, :3, T] = np.eye(3) * warmth[:, None, None]
     H[:, 3:6, V] = np.eye(3)
     H[:, 3:6, PHI] = skew(back)
     H[:, 3:6, BA] = H[:, 3:6, WA] = start * short

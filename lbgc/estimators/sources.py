@@ -239,6 +239,7 @@ def _not_gaussian(imu: ImuModel, triad: Triad, axis: int, course: Course) -> np.
     return covariance
 
 
+@lru_cache(maxsize=16)  # megabytes each
 def factors(imu: ImuModel, course: Course) -> np.ndarray:
     """Cholesky factors of the channels' covariance, lower, (CHANNELS, n, n)."""
     total = np.repeat(np.square(_LEAST), 3)[:, None, None] * np.eye(len(course.blocks))

@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lbgc.earth import EARTH_RATE
 from lbgc.report.figures import AXIS_COLOURS, AXIS_NAMES
+from lbgc.report.fitted import explained
 from lbgc.sensor import noise
 from lbgc.sensor.allan import confidence_band, octave_taus, overlapping_deviation
 from lbgc.sensor.fitting import Fit
@@ -30,7 +33,10 @@ def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
     """Figures by file name."""
     taus = octave_taus(data.series.shape[1], data.dt)
     measured = overlapping_deviation(data.series[:16], data.dt, taus)
-    drawn = {f"allan_{data.part}": _with_terms(data, fits, taus, measured)}
+    drawn = {
+        f"allan_{data.part}": _with_terms(data, fits, taus, measured),
+        f"spectrum_{data.part}": _spectra(data.part, fits),
+    }
     if data.part == "gyro":
         drawn["allan_paper"] = _as_the_paper(data, fits, taus, measured)
     return drawn
@@ -39,7 +45,7 @@ def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
 def _terms(fit: Fit) -> tuple:
     tones = tuple(noise.Sinusoid(t.amplitude, t.f) for t in fit.tones)
     ramp = () if fit.ramp.is_limit else (noise.Ramp(fit.ramp.value),)
-    return (*fit.terms(), *ramp, *tones)
+    return (*fit.printed, *ramp, *tones)
 
 
 def _with_terms(
@@ -66,8 +72,39 @@ def _with_terms(
         lowest = measured[axis].min() / scale
         axes.set_ylim(lowest / 5, measured[axis].max() / scale * 3)
         axes.set(title=f"{data.part} {name}", xlabel="averaging time, s", ylabel=unit)
+        _say_how_good(axes, fit)
         axes.grid(True, which="both", color="0.92", linewidth=0.5)
         axes.legend(fontsize="x-small")
+    return figure
+
+
+def _say_how_good(axes: Axes, fit: Fit) -> None:
+    """The goodness of fit, below the title; what is not explained, in red."""
+    bad = fit.goodness is not None and fit.goodness.fails
+    text = "\n".join(wrap(f"goodness of fit {explained(fit)}", 60))
+    drawn = axes.text(
+        0.5, 0.01, text, transform=axes.transAxes, color="firebrick" if bad else "0.3"
+    )
+    drawn.set(ha="center", va="bottom", fontsize="x-small")
+
+
+def _spectra(part: str, fits: Sequence[Fit]) -> Figure:
+    """What was fitted to what: the recorded density, two-sided, in bins, and the model's."""
+    scale, unit = _UNIT[part]
+    figure = Figure(figsize=(12, 4.4), layout="constrained")
+    for axis, (fit, name) in enumerate(zip(fits, AXIS_NAMES, strict=True)):
+        axes = figure.add_subplot(1, 3, axis + 1)
+        if fit.spectrum is None:
+            continue
+        s = fit.spectrum
+        recorded, model = (np.sqrt(np.maximum(d, 0)) / scale for d in (s.recorded, s.model))
+        axes.loglog(s.f, recorded, ".", color=AXIS_COLOURS[axis], markersize=2, label="recorded")
+        axes.loglog(s.f, model, color="black", linewidth=1.2, label="fit")
+        axes.set(title=f"{part} {name}", xlabel="frequency, Hz", ylabel=f"{unit}/sqrt(Hz)")
+        axes.set_ylim(model.min() / 4, model.max() * 3)
+        _say_how_good(axes, fit)
+        axes.grid(True, which="both", color="0.92", linewidth=0.5)
+        axes.legend(fontsize="x-small", loc="upper right")
     return figure
 
 

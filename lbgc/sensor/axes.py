@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from lbgc.sensor.fitting import Fit, choose
-from lbgc.sensor.ordinates import pooled
+from lbgc.sensor import resting
+from lbgc.sensor.fitting import Fit
 
 Name: TypeAlias = tuple[str, int]
 """gyro or accel, and which axis"""
@@ -68,7 +68,7 @@ def _finished(begun: dict[Future, Name], said: Any, say: Say) -> Iterator[tuple[
 def _fit(
     series: np.ndarray, dt: float, corners: tuple[float, float], say: Callable[[str], None]
 ) -> Fit:
-    return choose(pooled(series, dt), corners, say)
+    return resting.fitted(series, dt, corners, say)
 
 
 def _task(name: Name, series: np.ndarray, dt: float, corners: tuple[float, float]) -> Fit:

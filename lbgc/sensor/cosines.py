@@ -68,6 +68,12 @@ class Grid:
         return np.sin(self.angle)
 
     @cached_property
+    def sinc_squared(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What an interval's mean lets through, at f and at its images 1/dt - f and 1/dt + f"""
+        x = self.f * self.dt
+        return np.sinc(x) ** 2, np.sinc(1 - x) ** 2, np.sinc(1 + x) ** 2
+
+    @cached_property
     def last_turn(self) -> np.ndarray:
         """e^(i a (n - 1)); a bin holds even and odd coefficients, whose e^(i a n) cancel"""
         parity = np.where(self.count == 1, 1 - 2 * (np.round(self.k) % 2), 0.0)
@@ -143,10 +149,20 @@ def _weighted(
 
 
 def _line(term: Line, grid: Grid) -> np.ndarray:
-    """Its flanks are steep: only the nearest images count, and the line's mean over a bin does."""
-    f, rate = grid.f, 1 / grid.dt
-    inside = term.power_below(f + grid.width / 2) - term.power_below(f - grid.width / 2)
-    total = np.maximum(inside, 0) / grid.width * np.sinc(f * grid.dt) ** 2
-    for image in (f - rate, f + rate):
-        total += term.psd(np.abs(image)) * np.sinc(image * grid.dt) ** 2
+    """Its flanks are steep: only the nearest images count, and near it its mean over a bin does."""
+    f, half = grid.f, grid.width / 2
+    total = term.psd(f)
+    near = np.flatnonzero(
+        (np.abs(f - term.f0) < 6 * term.width + 3 * half) & (half > 0.03 * term.width)
+    )
+    if len(near):
+        at, by = f[near], half[near]
+        inside = term.power_below(at + by) - term.power_below(at - by)
+        total[near] = np.maximum(inside, 0) / (2 * by)
+    total *= grid.sinc_squared[0]
+    if term.f0 + 8 * term.width > 0.4 / grid.dt:
+        for image, sinc in zip(
+            (1 / grid.dt - f, 1 / grid.dt + f), grid.sinc_squared[1:], strict=True
+        ):
+            total += term.psd(image) * sinc
     return total

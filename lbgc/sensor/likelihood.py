@@ -48,16 +48,22 @@ class Likelihood:
         term: GaussianTerm = shape.unit_term(parameters)
         return _unit(term, self.grid)
 
-    def variance(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """v (m,) and its derivative by the log-parameters (m, P)."""
-        values, columns, at = np.zeros(len(self.count)), [], 0
+    def variance(
+        self, p: np.ndarray, loose: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """v (M,) and its derivative by the log-parameters, or by the loose ones of them, (M, P)."""
+        asked = np.ones(len(p), bool) if loose is None else loose
+        values, columns, at = np.full(len(self.count), self.data.rounding), [], 0
         for shape in self.shapes:
             own = p[at : at + len(shape.names)]
             scale = np.exp(2 * own[0])
             unit = self.unit_variance(shape, tuple(np.exp(own[1:])))
             values += scale * unit
-            columns.append(2 * scale * unit)
+            if asked[at]:
+                columns.append(2 * scale * unit)
             for j in range(1, len(own)):
+                if not asked[at + j]:
+                    continue
                 up = own.copy()
                 up[j] += _STEP
                 moved = self.unit_variance(shape, tuple(np.exp(up[1:])))
@@ -88,7 +94,7 @@ class Likelihood:
         return out
 
     def value(self, p: np.ndarray) -> float:
-        v, at = np.zeros(len(self.count)), 0
+        v, at = np.full(len(self.count), self.data.rounding), 0
         for shape in self.shapes:
             own = np.exp(p[at : at + len(shape.names)])
             v += own[0] ** 2 * self.unit_variance(shape, tuple(own[1:]))
@@ -113,17 +119,19 @@ class Likelihood:
         loose = np.array([i not in (fixed or {}) for i in range(len(p))])
         best = self.value(p)
         for _ in range(steps):
-            v, J = self.variance(p)
+            v, J = self.variance(p, loose)
             A = J / v[:, None]
             gradient = 0.5 * A.T @ (self.count - self.power / v)
-            at_end = (p >= self.most - 1e-9, p <= self.least + 1e-9)
-            free = loose & ~(at_end[0] & (gradient < 0)) & ~(at_end[1] & (gradient > 0))
-            A = A[:, free]
+            above, below = (p >= self.most - 1e-9)[loose], (p <= self.least + 1e-9)[loose]
+            moves = ~(above & (gradient < 0)) & ~(below & (gradient > 0))
+            free = loose.copy()
+            free[loose] = moves
+            A = A[:, moves]
             information = 0.5 * (A * self.count[:, None]).T @ A
             ridge = 1e-12 * np.trace(information) + 1e-12
-            step = np.linalg.solve(information + ridge * np.eye(free.sum()), gradient[free])
+            step = np.linalg.solve(information + ridge * np.eye(free.sum()), gradient[moves])
             step *= min(1.0, 1.0 / np.abs(step).max(initial=1e-300))
-            if gradient[free] @ step < enough:  # all that is left to gain
+            if gradient[moves] @ step < enough:  # all that is left to gain
                 break
             room = np.where(step < 0, self.most[free] - p[free], p[free] - self.least[free])
             short = min(1.0, float(np.min(room / np.abs(step), initial=1.0)))  # of an end

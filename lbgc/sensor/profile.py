@@ -1,6 +1,6 @@
 """Intervals of fitted parameters: where the likelihood, the others maximised, falls off."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,15 +10,15 @@ import scipy.stats
 from lbgc.sensor.likelihood import Likelihood
 
 TWO_SIDED, ONE_SIDED = 3.841, 2.706  # 95% points of the likelihood ratio
-_SHARP = 0.02  # of a log-parameter's standard error, below which its likelihood is a parabola
-_STEPS = {"steps": 25, "enough": 1e-3}
+_SHARP = 0.04  # of a log-parameter's standard error, below which its likelihood is a parabola
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A parameter, SI: its value and two-sided 95% interval. Where the data cannot tell it from
     zero (at 95%, one-sided), `low` is zero and only the upper limit means anything; where they
-    cannot tell it from infinity, `high` is infinite and only `low` means anything."""
+    cannot tell it from infinity, `high` is infinite and only `low` means anything. Where they tell
+    nothing of it, both are so, and the value is what they look like."""
 
     value: float
     low: float
@@ -35,23 +35,49 @@ class Estimate:
     def is_lower_limit(self) -> bool:
         return np.isinf(self.high)
 
+    @property
+    def is_withheld(self) -> bool:
+        """Whether the data tell nothing of it."""
+        return self.is_limit and self.is_lower_limit
+
+
+def mixture_quantiles(
+    weights: Sequence[float], centres: Sequence[float], sigmas: Sequence[float], at: Sequence[float]
+) -> np.ndarray:
+    """Quantiles of a mixture of normal laws."""
+    centre, sigma = np.array(centres), np.array(sigmas)
+    x = np.linspace((centre - 5 * sigma).min(), (centre + 5 * sigma).max(), 4001)
+    below = scipy.stats.norm.cdf((x[:, None] - centre) / sigma) @ np.array(weights)
+    return np.interp(at, below, x)
+
+
+def widened(e: Estimate, by: float) -> Estimate:
+    """The estimate with its interval's ends so many times as far away, on the scale of logarithms;
+    limits of what may be zero, as far as they are."""
+    if e.value == 0 or by == 1:
+        return Estimate(e.value, e.low, e.high * by, e.upper * by)
+    ends = [e.value * (end / e.value) ** by for end in (e.low, e.high, e.upper)]
+    return Estimate(e.value, *ends)
+
 
 def interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Estimate:
     """The 95% interval of exp(p[i])."""
     centre, name = float(p[i]), likelihood.names[i]
-    sigma = float(np.sqrt(max(likelihood.covariance(p, keep=[i])[i, i], 0.0)))
+    covariance = likelihood.covariance(p, keep=[i])
+    sigma = float(np.sqrt(max(covariance[i, i], 0.0)))
     inside = likelihood.least[i] + 4 * sigma < centre < likelihood.most[i] - 4 * sigma
     if sigma < _SHARP and inside:
         ends = np.exp(centre + sigma * np.array([0, -1.96, 1.96, 1.645])).tolist()
         return Estimate(*ends)
     warm, known = {centre: p}, {centre: 0.0}
+    still = {j: float(p[j]) for j in _unrelated(covariance, i)}
 
     def excess(x: float) -> float:
         """Likelihood ratio at the fixed log-value, the others maximised."""
         x = min(max(x, likelihood.least[i]), likelihood.most[i])
         if x not in known:
             nearest = min(warm, key=lambda at: abs(at - x))
-            warm[x], value = likelihood.minimise(warm[nearest], {i: x}, 25, 1e-3)
+            warm[x], value = likelihood.minimise(warm[nearest], {**still, i: x}, 25, 3e-3)
             known[x] = 2 * (value - best)
         return known[x]
 
@@ -71,6 +97,15 @@ def interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Esti
     high = np.inf if high >= likelihood.most[i] else high
     upper = min(upper, likelihood.most[i])
     return Estimate(value, *np.exp([low, high, upper]).tolist())
+
+
+def _unrelated(covariance: np.ndarray, i: int) -> np.ndarray:
+    """The parameters whose errors have nothing to do with those of parameter i: left where they
+    are, they change its likelihood by a thousandth."""
+    sigmas = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore"):
+        related = np.abs(covariance[i] / (sigmas * sigmas[i]))
+    return np.flatnonzero((related < 0.03) & np.isfinite(sigmas))
 
 
 def _freedom(likelihood: Likelihood, p: np.ndarray, i: int) -> float:

@@ -1,11 +1,11 @@
 """Which terms a recording's noise is made of.
 
 From the core (white noise, bias instability, random walk) terms are added one by one, where the
-Bayesian information criterion gains by them: angle quantisation, an output filter, a Gauss-Markov
-process, lines where the spectrum stands above the model. Such a search sticks: two lines close to
-each other look like one, and a line hides a filter. So what was found is also shaken: lines split
-and merge, every term is left out in turn, and the search starts a second time from all the peaks of
-the spectrum at once.
+likelihood gains more by them than chance would give in one log of some hundreds: an angle
+quantisation, an output filter, a Gauss-Markov process, lines where the spectrum stands above the
+model. Such a search sticks: two lines close to each other look like one, and a line hides a filter.
+So what was found is also shaken: lines split and merge, every term is left out in turn, and the
+search starts a second time from all the peaks of the spectrum at once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,16 +25,17 @@ from lbgc.sensor.shapes import (
     QUANTISATION,
     Shape,
     core,
+    is_line,
     line,
     renumbered,
 )
 
-WORTH = 6.0
-"""What a further term must gain in the information criterion: strong evidence."""
+_COSTS = {"Q": 8.0, "N": 12.0, "GM_sigma": 15.0, "line_sigma": 34.0}
+"""What a term must gain in twice the log-likelihood: chi-squared with its parameters' number of
+degrees of freedom exceeds that in a few of a thousand logs; a line's, over all places and widths
+where one could be."""
 _MOST_TERMS = 12
 _ROUNDS = 12
-_ROUGH = {"steps": 12, "enough": 0.3}
-_FINE = {"steps": 40, "enough": 1e-3}
 _WINDOWS = (1, 2, 4, 8, 16, 32, 64, 128)
 _PEAK = 15.0
 """Of the logarithm, what a peak must promise to be tried; noise alone reaches it once in some 400
@@ -49,13 +50,14 @@ class Trial:
 
     shapes: list[Shape]
     values: dict[str, float]
-    bic: float
+    cost: float
+    """Minus twice the log-likelihood, and what the terms must gain: the least is the best"""
     model: np.ndarray
     """(M,), the density of every ordinate, unit^2 s"""
 
     @property
     def lines(self) -> list[Shape]:
-        return [s for s in self.shapes if s.names[0].startswith("line_sigma")]
+        return [s for s in self.shapes if is_line(s)]
 
     @property
     def white(self) -> Shape:
@@ -72,11 +74,11 @@ def search(
     """The model that explains the data best. say : told what is being tried."""
     begin = try_out(data, core(corners), {})
     best = _shaken(data, _grown(data, begin, say), say)
-    if best.lines:
+    if best.lines and peaks(data, best.model):  # it may have stuck
         together = _all_peaks(data, begin, say)
         if together.lines:
             other = _shaken(data, _grown(data, together, say), say)
-            best = min(best, other, key=lambda t: t.bic)
+            best = min(best, other, key=lambda t: t.cost)
     return best
 
 
@@ -84,15 +86,39 @@ def try_out(
     data: Ordinates,
     shapes: list[Shape],
     start: dict[str, float],
-    steps: int = 40,
-    enough: float = 1e-3,
+    rough: bool = False,
 ) -> Trial:
-    """Fit a model from this start; coefficients without one start from the data."""
+    """Fit a model from this start; coefficients without one start from the data. A rough trial
+    takes few steps, and lines stay as they are except where another is near."""
     likelihood = Likelihood(data, shapes)
     guess = np.log([first_guess(data, s, n, start) for s in shapes for n in s.names])
-    p, value = likelihood.minimise(guess, None, steps, enough)
+    if rough:
+        held = {likelihood.names.index(n): np.log(start[n]) for n in _far_lines(shapes, start)}
+        p, value = likelihood.minimise(guess, held, 10, 0.3)
+    else:
+        p, value = likelihood.minimise(guess, None, 40, 1e-3)
     values = dict(zip(likelihood.names, np.exp(p).tolist(), strict=True))
-    return Trial(shapes, values, likelihood.bic(value), likelihood.variance(p)[0])
+    return Trial(shapes, values, 2 * value + _needed(shapes), likelihood.variance(p)[0])
+
+
+def _needed(shapes: list[Shape]) -> float:
+    """What all optional terms together must gain."""
+    plain = ("N",), ("B",), ("K",)
+    named = (s.names[0] if not is_line(s) else "line_sigma" for s in shapes if s.names not in plain)
+    return sum(_COSTS[name] for name in named)
+
+
+def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
+    """The parameters of lines that are far from the last term, if that is a line, and of all but
+    those, if not."""
+    lines = [s for s in shapes if is_line(s)]
+    last = shapes[-1] if is_line(shapes[-1]) else None
+    for shape in lines:
+        if last is not None:
+            f, w = ([values[s.names[i]] for s in (shape, last)] for i in (1, 2))
+            if abs(f[0] - f[1]) < 4 * (w[0] + w[1]):
+                continue
+        yield from shape.names
 
 
 def is_sensible(values: dict[str, float], data: Ordinates) -> bool:
@@ -119,11 +145,11 @@ def half_power_ratio(damping: float) -> float:
 
 
 def _best(data: Ordinates, options: Sequence[Option]) -> list[Trial]:
-    """The three most promising of a short trial of each, fitted; sensible ones only."""
-    rough = [try_out(data, *option, **_ROUGH) for option in options]  # type: ignore[arg-type]
-    rough = sorted((t for t in rough if np.isfinite(t.bic)), key=lambda t: t.bic)[:3]
-    fine = [try_out(data, t.shapes, t.values, **_FINE) for t in rough]  # type: ignore[arg-type]
-    return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.bic)
+    """The two most promising of a short trial of each, fitted; sensible ones only."""
+    rough = [try_out(data, *option, rough=True) for option in options]
+    rough = sorted((t for t in rough if np.isfinite(t.cost)), key=lambda t: t.cost)[:2]
+    fine = [try_out(data, t.shapes, t.values) for t in rough]
+    return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.cost)
 
 
 def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
@@ -131,7 +157,7 @@ def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
     while len(best.shapes) < _MOST_TERMS:
         say(f"{len(best.shapes)} terms, one more")
         trials = _best(data, list(_extensions(data, best)))
-        if not trials or trials[0].bic > best.bic - WORTH:
+        if not trials or trials[0].cost > best.cost:
             break
         best = trials[0]
     return best
@@ -142,13 +168,13 @@ def _shaken(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
     for _ in range(_ROUNDS):
         say(f"{len(best.shapes)} terms, shaken")
         fewer = _best(data, list(_reductions(best)))
-        if fewer and fewer[0].bic < best.bic + WORTH:
+        if fewer and fewer[0].cost < best.cost:
             best = fewer[0]
             continue
         if not best.lines:
             break
         trials = _best(data, list(_splits(best)))
-        if not trials or trials[0].bic > best.bic - WORTH:
+        if not trials or trials[0].cost > best.cost:
             break
         best = _grown(data, trials[0], say)
     return best

@@ -54,6 +54,7 @@ def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
 QUANTISATION = Shape(("Q",), AngleQuantisation)
 GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
 FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
+BUTTERWORTH_WHITE = Shape(("N", "bandwidth"), BandLimited)
 FIRST_ORDER_DAMPING = 2.0
 FIRST_ORDER = Shape(("N", "bandwidth"), partial(BandLimited, damping=FIRST_ORDER_DAMPING))
 """White noise behind a filter whose other pole is fourteen times as fast."""
@@ -66,13 +67,17 @@ def line(k: int) -> Shape:
     return Shape(tuple(name + number for name in names), Line)
 
 
+def is_line(shape: Shape) -> bool:
+    return shape.names[0].startswith("line_sigma")
+
+
 def renumbered(
     shapes: Sequence[Shape], values: dict[str, float]
 ) -> tuple[list[Shape], dict[str, float]]:
     """The same model with its lines numbered from 1 on."""
     out, named, k = [], dict(values), 0
     for shape in shapes:
-        if not shape.names[0].startswith("line_sigma"):
+        if not is_line(shape):
             out.append(shape)
             continue
         k += 1

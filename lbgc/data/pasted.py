@@ -1,0 +1,105 @@
+"""Stretches of a recording that stand in it twice, to the last digit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_ODD = np.array(
+    [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9,
+     0xD6E8FEB86659FD93, 0xA0761D6478BD642F, 0xE7037ED1A0B428DB], dtype=np.uint64
+)  # fmt: skip
+_RADIX = np.uint64(0x2545F4914F6CDD1D)
+_FEWEST_ROWS = 10
+_LONGEST_ROWS = 2000
+_SEED_ROWS = 5
+_SOME = 50_000
+"""Rows by which a channel's values are counted."""
+_BY_CHANCE = 20
+"""Stretches above which their own lengths tell what chance does."""
+
+
+@dataclass(frozen=True)
+class Pasted:
+    """Rows that stand twice."""
+
+    first: int
+    """Row at which they begin."""
+    again: int
+    """Row at which they begin once more."""
+    rows: int
+
+
+def pasted(values: np.ndarray) -> list[Pasted]:
+    """The stretches of a recording that repeat an earlier one, longest first.
+
+    values : (T, C). A stretch is long enough that chance repeats none: rows of coarse counts are
+    alike more often than others, and counts that carry their rest over nearly repeat themselves. A
+    stretch that stands still is none, nor one that repeats itself row by row.
+    """
+    n = len(values)
+    enough = _enough(values)
+    if enough is None or n < 2 * enough:
+        return []
+    seed = max(_SEED_ROWS, enough // 4)
+    sums = _sums(_row_hashes(values), seed)
+    order = np.argsort(sums, kind="stable")
+    alike = sums[order[1:]] == sums[order[:-1]]
+    first, again = order[:-1][alike], order[1:][alike]
+    far = again - first >= enough
+    if far.sum() > n / 4:
+        return []
+    found = _stretches(first[far], again[far], seed)
+    if len(found) > _BY_CHANCE:
+        # By chance lengths fall off exponentially; what was pasted is far longer than most.
+        excess = np.median([one.rows - seed + 1 for one in found]) / np.log(2)
+        enough = max(enough, seed + int(2 * excess * (np.log(len(found)) + np.log(1e7))))
+    return [one for one in found if one.rows >= enough]
+
+
+def _enough(values: np.ndarray) -> int | None:
+    """How many rows in a sequence no chance repeats; None where rows hardly differ."""
+    n = len(values)
+    alike = 1.0
+    some = values[:: max(1, n // _SOME)]
+    for column in some.T:
+        counts = np.unique(column, return_counts=True)[1]
+        alike *= max(float(np.sum((counts / len(some)) ** 2)), 1 / len(some))
+    own = float((np.diff(values, axis=0) == 0).all(axis=1).mean())
+    alike = max(alike, own)  # rows that stay are alike more often than those drawn far apart
+    if alike > 0.9:
+        return None
+    chance = 2 * np.log(n) + np.log(1e7)
+    rows = max(_FEWEST_ROWS, int(np.ceil(2 * chance / -np.log(alike))))
+    return rows if rows <= _LONGEST_ROWS else None
+
+
+def _row_hashes(values: np.ndarray) -> np.ndarray:
+    bits = (np.ascontiguousarray(values, dtype=np.float64) + 0.0).view(np.uint64)
+    mixed = (bits ^ (bits >> np.uint64(29))) * _ODD[: values.shape[1]]
+    mixed ^= mixed >> np.uint64(32)
+    return (mixed * _ODD[0]).sum(axis=1, dtype=np.uint64)
+
+
+def _sums(rows: np.ndarray, length: int) -> np.ndarray:
+    """A hash of each `length` rows on end, (T - length + 1,): sum of h[k + j] radix^j, mod 2^64."""
+    n = len(rows)
+    inverse = np.uint64(pow(int(_RADIX), -1, 1 << 64))
+    power = np.cumprod(np.r_[np.uint64(1), np.full(n - 1, _RADIX)], dtype=np.uint64)
+    back = np.cumprod(np.r_[np.uint64(1), np.full(n - 1, inverse)], dtype=np.uint64)
+    total = np.r_[np.uint64(0), np.cumsum(rows * power, dtype=np.uint64)]
+    return (total[length:] - total[:-length]) * back[: n - length + 1]
+
+
+def _stretches(first: np.ndarray, again: np.ndarray, length: int) -> list[Pasted]:
+    """Joins windows that follow each other at one distance."""
+    if len(first) == 0:
+        return []
+    order = np.lexsort((first, again - first))
+    first, lag = first[order], (again - first)[order]
+    cut = np.flatnonzero((np.diff(first) > 1) | (np.diff(lag) != 0)) + 1
+    starts, ends = np.r_[0, cut], np.r_[cut, len(first)]
+    found = [
+        Pasted(int(first[a]), int(first[a] + lag[a]), int(first[b - 1] - first[a]) + length)
+        for a, b in zip(starts, ends, strict=True)
+    ]
+    return sorted(found, key=lambda stretch: -stretch.rows)

@@ -1,0 +1,119 @@
+"""Scale and misalignment of a gyro triad from Earth's horizontal rate at known headings.
+
+A resting triad's error is b + M w, w Earth's rate in the body. Turned from heading to heading, w's
+horizontal part goes round a circle and its vertical part stays: so M's first two columns can be
+told from b where the headings do not lie on one line through that circle, and the third cannot.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_SEEN = 0.01
+"""Least mean square of the horizontal direction's spread, of at most 1/2, along what is told: a
+tenth of a circle's radius."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What of the error follows Earth's horizontal rate."""
+
+    directions: np.ndarray
+    """(2, k), k 0 to 2: unit vectors, forward and right, along which w varies enough"""
+    slope: np.ndarray
+    """(k, 3), error of each axis per rate along each of them"""
+    covariance: np.ndarray
+    """(k, k), of each column of `slope` per variance of the scatter"""
+    scatter: np.ndarray
+    """(3,), rad/s, about it: of recordings within sessions, or of the sessions' means"""
+    freedom: int
+    """Degrees of freedom of that scatter"""
+    within: bool
+    """Whether it is told from recordings of one session, beside each other"""
+    missing: str | None
+    """What the headings lack where k is below 2"""
+
+    def predicted(self, truth: np.ndarray) -> np.ndarray:
+        """M w as far as it is told; truth (R, 3), rad/s -> (R, 3)."""
+        return truth[:, :2] @ self.directions @ self.slope
+
+    @property
+    def matrix(self) -> np.ndarray | None:
+        """M with its third column zero, (3, 3); None where k is below 2."""
+        if self.missing is not None:
+            return None
+        return np.column_stack([(self.directions @ self.slope).T, np.zeros(3)])
+
+    @property
+    def matrix_sigma(self) -> np.ndarray | None:
+        """(2, 2), standard errors of the horizontal axes' own."""
+        if self.missing is not None:
+            return None
+        unit = self.directions @ self.covariance @ self.directions.T
+        return np.outer(self.scatter[:2], np.sqrt(np.diag(unit)))
+
+
+def gain(error: np.ndarray, truth: np.ndarray, session: np.ndarray) -> Gain:
+    """By least squares, beside one constant a session where each has headings enough, else on the
+    sessions' means: either way Student's t holds for it, whatever the sessions' spread.
+
+    error, truth : (R, 3), rad/s; session : (R,), any labels.
+    """
+    _, which = np.unique(session, return_inverse=True)
+    groups, count = int(which.max()) + 1, len(error)
+    size = np.bincount(which)[:, None]
+
+    def means(values: np.ndarray) -> np.ndarray:
+        total = np.zeros((groups, values.shape[1]))
+        np.add.at(total, which, values)
+        return np.asarray(total / size)
+
+    of_session = means(error), means(truth[:, :2])
+    within = error - of_session[0][which], truth[:, :2] - of_session[1][which]
+    between = tuple(v - v.mean(axis=0) for v in of_session)
+    reach = float(np.sqrt(np.mean(np.sum(truth[:, :2] ** 2, axis=1))))
+    options = [
+        (_seen(x, reach, rows, free), y, x, free, inside)
+        for (y, x), rows, free, inside in (
+            (within, count, count - groups, True),
+            (between, groups, groups - 1, False),
+        )
+    ]
+    directions, y, x, free, inside = max(options, key=lambda option: option[0].shape[1])
+    regressors = x @ directions
+    k = directions.shape[1]
+    normal = np.linalg.inv(regressors.T @ regressors)
+    slope = normal @ regressors.T @ y
+    rest = y - regressors @ slope
+    scatter = np.sqrt(np.sum(rest**2, axis=0) / max(free - k, 1))
+    missing = None if k == 2 else _missing(truth[:, :2], reach, count, groups)
+    return Gain(directions, slope, normal, scatter, free - k, inside, missing)
+
+
+def _seen(x: np.ndarray, reach: float, rows: int, free: int) -> np.ndarray:
+    """Directions, (2, k), along which the centred x (rows, 2) spreads enough beside its reach, and
+    for which `free` degrees of freedom leave one to judge them by."""
+    values, vectors = np.linalg.eigh(x.T @ x / rows / reach**2)
+    seen = vectors[:, values > _SEEN]
+    return seen if free - seen.shape[1] >= 1 else np.zeros((2, 0))
+
+
+def _missing(horizontal: np.ndarray, reach: float, count: int, groups: int) -> str:
+    """What to add for the whole of M."""
+    x = horizontal - horizontal.mean(axis=0)
+    values, vectors = np.linalg.eigh(x.T @ x / count / reach**2)
+    if values[1] <= _SEEN:
+        middle = horizontal.mean(axis=0)
+        have = np.rad2deg(np.arctan2(-middle[1], middle[0])) % 360
+        others = ", ".join(f"{(have + turn) % 360:.0f}" for turn in (90, 180, 270))
+        return f"every heading is near {have:.0f} deg; headings near {others} deg are missing"
+    if values[0] <= _SEEN:
+        x, y = vectors[:, 0]
+        one = np.rad2deg(np.arctan2(-y, x)) % 180
+        return f"headings near {one:.0f} and {one + 180:.0f} deg are missing"
+    if groups > 1:
+        return (
+            "each session has too few headings of its own, and there are too few sessions: three "
+            "headings in one session and two recordings more, or five sessions, are missing"
+        )
+    return f"{count} recordings leave nothing to judge it by: more recordings are missing"
