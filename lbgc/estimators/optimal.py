@@ -42,7 +42,7 @@ _LEANS = np.deg2rad(0.5)
 """Leans are told apart by the first step, those below half a degree by the second; what that leaves
 is part of the level's error, which is unknown anyway."""
 _CHUNK = 256  # leans at once
-_MANY = 10.0  # standard deviations
+_MANY = 5.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
