@@ -24,6 +24,8 @@ from lbgc.units import DEG, HOUR
 
 COLUMNS = ("heading_deg", "gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
 FORCES = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
+_ONE_SIDED = 0.4
+"""Length of the headings' mean direction, 1 where they are all one, from which it is said."""
 _LEANT = 1e-3
 """Scale per deg/h/g from which it is said."""
 _UPRIGHT = 10 * DEG
@@ -153,6 +155,13 @@ def require_sound(given: Given) -> None:
 def _notes(given: Given) -> list[str]:
     """What a reader must know of the recordings."""
     notes = list(given.means.notes)
+    middle = np.mean(np.exp(1j * given.means.heading))
+    if _ONE_SIDED < abs(middle) < 0.98:
+        opposite = (np.angle(middle) / DEG + 180) % 360
+        notes.append(
+            f"headings are on one side: others near {opposite:.0f} deg would tell bias, scale and "
+            "misalignment from each other better"
+        )
     if given.tilt is None:
         lean = np.tan(np.abs(given.means.latitude).max()) * DEG
         notes.append(

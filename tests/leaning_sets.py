@@ -143,7 +143,7 @@ MINIMA = {
 }
 
 
-def preset_minima(preset: str, recordings: int = 400, hours: float = 4.0) -> dict[str, np.ndarray]:
+def preset_minima(preset: str, recordings: int = 1000, hours: float = 4.0) -> dict[str, np.ndarray]:
     """Each printed Allan minimum of a preset against that of simulated recordings, percent off,
     (3,) a key: pooled overlapping Allan deviations of means of 10 s, between 10 s and an hour."""
     config: ImuConfig = default_config(f"imu={preset}").imu

@@ -155,6 +155,27 @@ def test_headings_that_are_missing_are_named_and_the_bias_is_told(rng, headings,
     assert "nan" not in said
 
 
+def test_four_headings_give_a_scale_with_one_degree_of_freedom(rng):
+    """t is 12.7; and three of them leave nothing to judge the fourth by."""
+    heading = np.arange(4) * np.pi / 2
+    truth = np.einsum("j,rji->ri", earth_rate_ned(0.5), rotation_z(heading))
+    found = calibrate(truth + DPH * rng.standard_normal((4, 3)), heading, 0.5)
+    half = (found.matrix_interval[1] - found.matrix_interval[0]) / 2
+    np.testing.assert_allclose(half, 12.706 * found.matrix_sigma, rtol=1e-3)
+    assert found.without_all is None
+    assert "scale and misalignment taken out" not in report(found, "mine")
+
+
+def test_a_navigation_grade_bias_shows_its_digits(rng):
+    heading = np.arange(12) * np.pi / 6
+    truth = np.einsum("j,rji->ri", earth_rate_ned(0.5), rotation_z(heading))
+    rates = truth + 0.0035 * DPH + 0.0003 * DPH * rng.standard_normal(truth.shape)
+    said = report(calibrate(rates, heading, 0.5), "mine").split()
+    shown = said[said.index("forward") + 4]
+    assert float(shown) == pytest.approx(0.0035, abs=0.0005)
+    assert len(shown) >= len("+0.00350")
+
+
 def test_three_recordings_give_a_bias_with_their_freedom(rng):
     """Two degrees of freedom: t is 4.30."""
     found = calibrate(1e-6 * rng.standard_normal((3, 3)), np.zeros(3), 0.5)
@@ -255,6 +276,17 @@ def test_a_two_position_set_is_refused(cli, tmp_path):
     done = cli("lbgc.calibrate", "data=d.zarr")
     assert done.code == 2
     assert "180 deg: is how far its plate turns" in done.err
+
+
+def test_headings_on_one_side_are_said(cli, tmp_path, rng):
+    rates, heading = means(rng, np.zeros(3), np.zeros((3, 3)), 0.2 * DPH, 60)
+    names = ("gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
+    for rows, says in ((slice(0, 20), True), (slice(None), False)):
+        table = {"heading_deg": heading[rows] / DEG}
+        table |= dict(zip(names, (rates[rows] / DEG).T, strict=True))
+        write(tmp_path / "m.csv", table)
+        done = cli("lbgc.calibrate", "means=m.csv", "latitude=32.76")
+        assert ("headings are on one side: others near 237 deg" in done.out) == says
 
 
 def test_columns_of_force_level_the_means(cli, tmp_path, rng):

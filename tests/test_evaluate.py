@@ -419,3 +419,19 @@ def test_a_perfect_sensor_is_evaluated_too(cli, tmp_path):
                        split=[0, 0, 1])  # fmt: skip
     rows = results(cli("lbgc.evaluate", f"data={perfect.path}", "windows_s=[60]"), tmp_path)["rows"]
     assert rows[0]["rmse_deg"] < 1e-4
+
+
+def test_a_log_of_a_rate_that_is_not_tidy_says_how_long_its_windows_are(cli, tmp_path):
+    """Windows of the nearest whole number of samples, at the clock's own rate."""
+    import cases
+
+    t, w, f = cases.static(98.317, 130, arw=0.001, accel_ug=1, seed=2)
+    cases.write(tmp_path / "log.csv", cases.table(w, f, t), ["t", *cases.HEADER], "%.12g")
+    own = ("log=csv", "log.path=log.csv", "log.latitude=48.1", "log.heading_deg=90")
+    done = cli("lbgc.evaluate", *own, "windows_s=[10,60]", "imu=sdc500", "estimators=[mean,gls]")
+    assert "windows of 10 s are 983 samples, 9.99827 s, at 98.317 Hz" in done.out
+    assert "windows of 60 s are 5899 samples, 59.9998 s, at 98.317 Hz" in done.out
+    rows = results(done, tmp_path)["rows"]
+    assert {(r["estimator"], r["window_s"], r["windows"]) for r in rows} >= {
+        ("mean", 10.0, 13), ("mean", 60.0, 2), ("gls", 60.0, 2)}  # fmt: skip
+    assert max(r["rmse_deg"] for r in rows if r["window_s"] == 60.0) < 1

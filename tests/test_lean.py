@@ -10,7 +10,7 @@ from helpers import composed
 
 from lbgc.bound import BoundConfig, bounds, course_of, crlb, expected_floor, floor
 from lbgc.data.windows import Windows, at_rate
-from lbgc.estimators import CLASSICAL
+from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.course import Course, Site, block_size, levelled
 from lbgc.estimators.optimal import fitted, information, told
 from lbgc.frames import wrap
@@ -195,3 +195,26 @@ def test_coarser_means_of_the_same_windows_agree():
     fine = floor_cases.draw(case, imu, 100, seed=8)
     two = [floor(windows, imu) for windows in (fine, at_rate(fine, 1.0))]
     assert np.sqrt(np.mean(wrap(two[0].heading - two[1].heading) ** 2)) < 0.4 * two[0].sigma[0]
+
+
+@pytest.mark.parametrize(("interval", "says"), [(1.0, False), (5.0, True)])
+def test_means_that_are_too_coarse_for_the_plate_are_named(interval, says):
+    """Four positions in a minute: means of five seconds double the floor's error, and the table
+    says so; those of one second tell each slew's course."""
+    case = floor_cases.Case("", "sdc500", floor_cases.FOUR, 60.0, interval)
+    imu = case.model()
+    windows = floor_cases.draw(case, imu, 3, seed=9)
+    said = coarse.note(windows, imu.dt)
+    assert (said is not None) == says
+    assert not says or "67% of the time and tell nothing of north" in said
+    sigma = np.rad2deg(floor(windows, imu).sigma.mean())
+    assert sigma == pytest.approx(2.6 if says else 1.16, rel=0.1)
+
+
+def test_a_slew_within_one_block_of_many_samples_is_told():
+    """An hour's blocks take fifteen seconds, a slew of a right angle three and a half."""
+    t = (np.arange(36_000) + 0.5) * 0.1
+    angle = plan(floor_cases.FOUR, 0, 3600.0).command(t)[0]
+    course = Course.planned(angle, 15.0, size=150)
+    assert course.slewing.sum() == 3
+    assert sum(course.lengths) == 240

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lbgc.data.record import block_means, mock_record, whole_multiple
-from lbgc.data.windows import at_rate, cut, stack, window_of
+from lbgc.data.windows import at_rate, cut, length_note, stack, window_of
 from lbgc.errors import InputError
 
 
@@ -43,8 +43,36 @@ def test_windows_are_consecutive_and_know_where_they_start(rng):
     np.testing.assert_array_equal(windows.gyro[1], record.gyro[100:200])
     np.testing.assert_array_equal(windows.start_s, [0.0, 10.0])
     assert len(cut(record, 30.0)) == 0
-    with pytest.raises(InputError, match=r"windows_s = 10.05 s: must be whole samples of 0.1 s"):
-        cut(record, 10.05)
+    with pytest.raises(InputError, match=r"windows_s = 0.14 s: must be whole samples of 0.1 s"):
+        cut(record, 0.14)
+
+
+@pytest.mark.parametrize("rate_hz", [99.983, 98.317, 400.02])
+def test_windows_of_any_rate_are_the_nearest_whole_number_of_samples(rng, rate_hz):
+    """And blocks of them are as equal as whole samples can be: the same mean, nothing left out."""
+    n = round(130 * rate_hz)
+    values = {"gyro": rng.standard_normal((n, 3)), "accel": rng.standard_normal((n, 3))}
+    record = mock_record(**values, plate_angle=np.zeros(n), rate_hz=rate_hz)
+    windows = cut(record, 60.0)
+    size = round(60 * rate_hz)
+    assert windows.gyro.shape == (2, size, 3)
+    np.testing.assert_allclose(windows.start_s, [0, size / rate_hz])
+    assert length_note(record, 60.0) == (
+        f"windows of 60 s are {size} samples, {size / rate_hz:.6g} s, at {rate_hz:.6g} Hz"
+    )
+    low = at_rate(windows, 4.0)
+    assert low.gyro.shape[1] == 240
+    assert low.rate_hz == pytest.approx(4.0, rel=1e-3)
+    assert low.duration_s == pytest.approx(windows.duration_s)
+    edges = np.round(np.arange(241) * size / 240).astype(int)
+    np.testing.assert_allclose(low.gyro[1, 7], windows.gyro[1, edges[7] : edges[8]].mean(axis=0))
+    assert set(np.diff(edges)) <= {size // 240, size // 240 + 1}
+    assert len(block_means(record, 4.0).gyro) == 520
+
+
+def test_a_whole_window_says_nothing_of_its_length():
+    assert length_note(mock_record(), 10.0) is None
+    assert length_note(mock_record(rate_hz=400.0000003), 10.0) is None
 
 
 def test_unknown_headings_are_nan():
@@ -57,8 +85,8 @@ def test_windows_at_a_lower_rate(rng):
     record = mock_record(gyro=rng.standard_normal((250, 3)))
     low = at_rate(cut(record, 10.0), 0.2)
     np.testing.assert_allclose(low.gyro[1, 1], record.gyro[150:200].mean(axis=0))
-    with pytest.raises(InputError, match=r"whole multiple of 0.3 Hz"):
-        at_rate(cut(record, 10.0), 0.3)
+    with pytest.raises(InputError, match=r"whole multiple of 3 Hz"):
+        at_rate(cut(record, 10.0), 3.0)
     with pytest.raises(InputError, match="whole blocks of 5 s"):
         at_rate(cut(record, 12.0), 0.2)
 

@@ -48,7 +48,7 @@ _NOISE = re.compile(
     "value|val|meas|measured|body|si|group|msg|header"
 )
 _TIMES = re.compile(
-    "t|times?|timestamps?|stamp|elapsed|seconds|secs?|secondselapsed|elapsedtime|timeelapsed|"
+    "t|times?|zeit|zeitstempel|temps|tiempo|timestamps?|stamp|elapsed|seconds|secs?|secondselapsed|elapsedtime|timeelapsed|"
     "sampletime|sampletimefine|sensortime|sys(tem)?time|unixtime|epoch(time)?|timestart(up)?|"
     "timesincestart(up)?|timesyncin|tow|gpstow|gpstime|timegps|timeofweek|utc|utctime|datetime|"
     "rostime|millis|micros|timeboot|loggingtime|timestampsincestart"
@@ -112,6 +112,8 @@ def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
     for suffix, said in _SUFFIXES.items():
         if len(words) > len(suffix) and tuple(words[-len(suffix) :]) == suffix:
             return words[: -len(suffix)], said
+    if len(words) > 2 and words[-2] == "in" and words[-1] in _UNITS:
+        return words[:-2], _UNITS[words[-1]]
     last = words[-1] if len(words) > 1 else ""
     before = "".join(words[:-1])
     is_time = (

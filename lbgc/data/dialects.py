@@ -15,6 +15,7 @@ MOST_BEFORE = 20_000
 _FOLLOWING = 10
 _ABOVE = 6
 """Lines above the data among which the header is looked for."""
+_LONGEST_LINE = 100_000
 _BLANKS = " "
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
@@ -39,6 +40,8 @@ class Layout:
     units: tuple[str, ...]
     numbers: tuple[str, ...]
     """The first row's fields."""
+    skipped: tuple[tuple[int, str], ...]
+    """Lines, counted from zero, between header and rows that hold numbers and are no row."""
 
 
 def layout(lines: Sequence[str], key: str, name: str, whole: bool, comma: bool) -> Layout:
@@ -86,11 +89,19 @@ def is_comment(line: str, separator: str) -> bool:
     return any(start.startswith(mark) for mark in MARKS if mark != separator)
 
 
-def _numbers(line: str, separator: str, decimal: str) -> int:
-    if len(line) > 100_000:
-        return 0
-    found = fields(line, separator)
-    return sum(is_number(field, decimal) or field.lower() in _NO_NUMBER for field in found)
+def _pattern(line: str, separator: str, decimal: str) -> list[bool | None]:
+    """Which fields are numbers; None: it is empty and could be either."""
+    if len(line) > _LONGEST_LINE:
+        return []
+    return [
+        None if not field else is_number(field, decimal) or field.lower() in _NO_NUMBER
+        for field in fields(line, separator)
+    ]
+
+
+def _alike(one: list[bool | None], other: list[bool | None]) -> bool:
+    pairs = zip(one, other, strict=False)
+    return len(one) == len(other) and all(a is None or b is None or a == b for a, b in pairs)
 
 
 def _has(lines: Sequence[str], first: int, character: str) -> bool:
@@ -98,8 +109,8 @@ def _has(lines: Sequence[str], first: int, character: str) -> bool:
 
 
 def _best(lines: Sequence[str], first: int, least: int) -> tuple[str, str] | None:
-    """Separator and decimal sign under which data begin at this line: as many of the next lines as
-    not have as many fields. None: they do not."""
+    """Separator and decimal sign under which data begin at this line: half of the next lines and
+    more have numbers in the same fields. None: they do not."""
     line = lines[first]
     if not any(character.isdigit() for character in line[:2000]):
         return None
@@ -108,17 +119,22 @@ def _best(lines: Sequence[str], first: int, least: int) -> tuple[str, str] | Non
         if separator not in line and separator != _BLANKS:
             continue
         for decimal in (".", ","):
-            if is_comment(line, separator) or _numbers(line, separator, decimal) < least:
+            own = _pattern(line, separator, decimal)
+            if is_comment(line, separator) or own.count(True) < least:
                 continue
-            width = len(fields(line, separator))
-            after = [text for text in lines[first + 1 : first + 1 + 3 * _FOLLOWING]
-                     if text.strip() and not is_comment(text, separator)][:_FOLLOWING]  # fmt: skip
-            alike = [len(fields(text, separator)) == width
-                     and _numbers(text, separator, decimal) >= least for text in after]  # fmt: skip
-            total = sum(_numbers(text, separator, decimal) for text in [line, *after])
-            if 2 * sum(alike) >= len(after) and total > most:
+            after = _following(lines, first, separator)
+            others = [_pattern(text, separator, decimal) for text in after]
+            total = sum(row.count(True) for row in [own, *others])
+            fits = sum(_alike(own, row) for row in others)
+            if 2 * fits >= len(after) and total > most:
                 best, most = (separator, decimal), total
     return best
+
+
+def _following(lines: Sequence[str], first: int, separator: str) -> list[str]:
+    some = lines[first + 1 : first + 1 + 3 * _FOLLOWING]
+    rows = [text for text in some if text.strip() and not is_comment(text, separator)]
+    return rows[:_FOLLOWING]
 
 
 def _with_header(lines: Sequence[str], first: int, separator: str, decimal: str) -> Layout:
@@ -126,10 +142,13 @@ def _with_header(lines: Sequence[str], first: int, separator: str, decimal: str)
     width = len(row)
     units: tuple[str, ...] = ()
     names = None
+    skipped: list[tuple[int, str]] = []
     above = [at for at in range(first - 1, -1, -1) if lines[at].strip()][:_ABOVE]
     for at in above:
         found = _header(lines[at], separator, width, not row[-1])
         if found is None:
+            if _pattern(lines[at], separator, decimal).count(True) > 1:
+                skipped.append((at, lines[at]))
             continue
         if not units and all(not word or unit(word) or word in "-()[]" for word in found):
             units = found
@@ -138,7 +157,8 @@ def _with_header(lines: Sequence[str], first: int, separator: str, decimal: str)
         break
     if names is None and units:  # such as s, g
         names, units = units, ()
-    return Layout(separator, decimal, first, width, names, units, row)
+    between = tuple(skipped[::-1]) if names is not None else ()
+    return Layout(separator, decimal, first, width, names, units, row, between)
 
 
 def _header(line: str, separator: str, width: int, trailing: bool) -> tuple[str, ...] | None:

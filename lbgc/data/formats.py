@@ -110,7 +110,7 @@ class _Text:
     file: str
 
     def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
-        body, notes = self._body(), []
+        body, notes = self._body(), self._skipped()
         kinds = {at: self._kind(at) for at in which}
         read = self._read(body, kinds)
         if read is None and "stamp" in kinds.values():
@@ -123,6 +123,13 @@ class _Text:
         if read is None:
             read = self._one_by_one(kinds)
         return read, notes
+
+    def _skipped(self) -> list[str]:
+        return [
+            f"first lines: number {at + 1} of {self.file} ({shown(line)}) is no row of "
+            f"{self.layout.width} and was left out"
+            for at, line in self.layout.skipped
+        ]
 
     def _kind(self, at: int) -> str:
         field = self.layout.numbers[at] if at < len(self.layout.numbers) else ""
@@ -167,7 +174,10 @@ class _Text:
                 continue
             if at == len(rows) - 1 and found < self.layout.width:
                 cut = body.rstrip(b"\n")
-                note = f"last line: number {number} of {self.file} is cut short and was left out"
+                note = (
+                    f"last line: number {number} of {self.file} ({shown(line)}) has {found} fields "
+                    f"of {self.layout.width} and was left out"
+                )
                 return cut[: cut.rfind(b"\n") + 1], [note]
             raise InputError(
                 f"{self.file}: line {number}",

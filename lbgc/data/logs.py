@@ -12,7 +12,7 @@ from lbgc.data.raw import READERS, Raw, columns, find, require_finite
 from lbgc.data.record import Record
 from lbgc.data.repeats import sampled, without_printed_twice
 from lbgc.data.timing import Timing, timing
-from lbgc.errors import require
+from lbgc.errors import InputError, require
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import (
     ANGLE_UNITS,
@@ -66,7 +66,13 @@ def _timing(raw: Raw) -> Timing:
         )  # fmt: skip
         assert stated is not None
         return Timing(stated, (slice(0, len(raw.gyro)),))
-    return timing(raw.name, raw.stamps, raw.said, stated, raw.config.gaps)
+    try:
+        return timing(raw.name, raw.stamps, raw.said, stated, raw.config.gaps)
+    except InputError as error:
+        if raw.time_is_said or stated is None or error.name != "log.time_unit":
+            raise
+        whole = (slice(0, len(raw.gyro)),)
+        return Timing(stated, whole, (f"time: not used, since {error.choices}",))
 
 
 def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:

@@ -158,8 +158,9 @@ def _time(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> tuple[i
     if len(found) > 1 and len(with_unit) == 1:
         found = with_unit
     if len(found) > 1 and config.rate_hz is None:
-        which = ", ".join(shown(sheet.names[at]) for at in found)
-        raise InputError("log.time_column", None, "", f"must be given: {sheet.file} has {which}")
+        which = " or ".join(shown(sheet.names[at]) for at in found)
+        about = f"must be given: {sheet.file} has several; give log.time_column={which}"
+        raise InputError("log.time_column", None, "", about)
     return tuple(found) if len(found) == 1 else ()
 
 

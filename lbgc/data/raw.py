@@ -98,33 +98,30 @@ def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         )
     ]
     config = _with_units(which, config, name)
+    if not which.time and config.rate_hz is None and own.rate_hz is not None:
+        notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
+        config = replace(config, rate_hz=own.rate_hz)
+    gyro, accel = np.stack(six[:3], axis=1), np.stack(six[3:], axis=1)
+    raw = Raw(name, gyro, accel, config, notes=tuple(notes))
     if not which.time:
-        if config.rate_hz is None and own.rate_hz is not None:
-            notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
-            config = replace(config, rate_hz=own.rate_hz)
-        gyro, accel = np.stack(six[:3], axis=1), np.stack(six[3:], axis=1)
-        return Raw(name, gyro, accel, config, notes=tuple(notes))
+        return raw
     times = values[6:]
-    stamps = stamps_of(which.time_name, times)
-    exact_unit = "ns" if len(times) == 2 or times[0].dtype.kind in "mM" else which.time_unit
+    try:
+        stamps = stamps_of(which.time_name, times)
+    except InputError as error:
+        if which.time_is_said or config.rate_hz is None:
+            raise
+        return replace(raw, notes=(*notes, f"time: not used, since {error.value} {error.choices}"))
+    exact = len(times) == 2 or times[0].dtype.kind in "mMO"
     require_finite(name, np.asarray(stamps, float)[:, None], ["time"])
     said = Said(
-        config.time_unit if times[0].dtype.kind not in "mM" else "auto",
-        exact_unit,
+        "auto" if times[0].dtype.kind in "mMO" else config.time_unit,
+        "ns" if exact else which.time_unit,
         config.rate_hz or own.rate_hz,
         bool(np.all(np.mod(stamps[:1000], 1) == 0)),
         float(stamps[0]),
     )
-    return Raw(
-        name,
-        np.stack(six[:3], axis=1),
-        np.stack(six[3:], axis=1),
-        config,
-        stamps,
-        said,
-        which.time_is_said,
-        notes=tuple(notes),
-    )
+    return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)
 
 
 def _numbers(own: Sheet, key: str, at: int, values: np.ndarray) -> np.ndarray:

@@ -50,34 +50,77 @@ def whole_multiple(rate_hz: float, target_hz: float) -> int | None:
     return whole if whole >= 1 and abs(ratio - whole) < 1e-6 * ratio else None
 
 
-def block_means(record: Record, rate_hz: float) -> Record:
-    """The record at a lower rate: means over whole blocks; what is left over at the end is cut.
+_UNEVEN = 0.02
+"""How much longer or shorter than asked for a block or a window may be, of its length."""
+_FEWEST = 20
+"""Samples a block, for blocks that differ by one to pass as alike."""
 
-    Raises InputError where the record's rate is no whole multiple of `rate_hz`.
+
+def nearest_samples(seconds: float, rate_hz: float) -> int | None:
+    """The whole number of samples nearest to so long a time; None where it is more than 2% off."""
+    asked = seconds * rate_hz
+    size = round(asked)
+    return size if size >= 1 and abs(size - asked) <= _UNEVEN * asked else None
+
+
+def block_edges(samples: int, rate_hz: float, target_hz: float) -> np.ndarray | None:
+    """Where blocks of 1/target_hz begin and end, (blocks + 1,): whole and equal where the rates
+    have a whole ratio (what is left over is cut), else as equal as whole samples can be, where
+    a sample more or less is little. None where neither can be."""
+    block = whole_multiple(rate_hz, target_hz)
+    if block is not None:
+        return np.arange(samples // block + 1) * block
+    ratio = rate_hz / target_hz
+    count = round(samples / ratio)
+    if count >= 1 and ratio >= _FEWEST and abs(samples / count / ratio - 1) <= _UNEVEN:
+        return np.round(np.arange(count + 1) * (samples / count)).astype(int)
+    block = round(ratio)
+    near = block >= 1 and abs(block / ratio - 1) <= _UNEVEN
+    return np.arange(samples // block + 1) * block if near else None
+
+
+def means_between(values: np.ndarray, edges: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Means over the samples from each edge to the next, along this axis."""
+    sizes = np.diff(edges)
+    cut = values[(slice(None),) * axis + (slice(0, int(edges[-1])),)]
+    if np.ptp(sizes) == 0:
+        shape = (*values.shape[:axis], len(sizes), sizes[0], *values.shape[axis + 1 :])
+        return np.asarray(cut.reshape(shape).mean(axis=axis + 1, dtype=np.float64))
+    sums = np.add.reduceat(cut, edges[:-1], axis=axis, dtype=np.float64)
+    return np.asarray(sums / sizes.reshape(-1, *(1,) * (values.ndim - axis - 1)))
+
+
+def block_means(record: Record, rate_hz: float) -> Record:
+    """The record at a lower rate: means over blocks as equal as whole samples can be; what is left
+    over at the end is cut.
+
+    Raises InputError where the record's rate is no whole multiple of `rate_hz`, nor near to one,
+    and blocks have too few samples for one more or less to be little.
     """
-    block = whole_multiple(record.rate_hz, rate_hz)
-    if block is None:
+    edges = block_edges(len(record.gyro), record.rate_hz, rate_hz)
+    if edges is None:
         raise InputError(
             f"{record.name}: its rate",
             f"{record.rate_hz:g}",
             "Hz",
             f"must be a whole multiple of the {rate_hz:g} Hz asked for",
         )
-    n = len(record.gyro) // block
-    if block == 1:
+    if edges[-1] == len(edges) - 1:
         return record
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        whole = values[: n * block]
-        return whole.reshape(n, block, *values.shape[1:]).mean(axis=1, dtype=np.float64)
-
     return replace(
         record,
-        gyro=mean(record.gyro),
-        accel=mean(record.accel),
-        plate_angle=mean(record.plate_angle),
-        rate_hz=rate_hz,
+        gyro=means_between(record.gyro, edges),
+        accel=means_between(record.accel, edges),
+        plate_angle=means_between(record.plate_angle, edges),
+        rate_hz=true_rate(edges, record.rate_hz, rate_hz),
     )
+
+
+def true_rate(edges: np.ndarray, rate_hz: float, target_hz: float) -> float:
+    """Of blocks between these edges: the one asked for, where they make it."""
+    if len(edges) < 2 or whole_multiple(rate_hz, target_hz) is not None:
+        return target_hz
+    return rate_hz * (len(edges) - 1) / float(edges[-1])
 
 
 def mock_record(**changes: object) -> Record:

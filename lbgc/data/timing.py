@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from lbgc.data.clock import TIME_UNITS, Said, since_first, unit_of_time
+from lbgc.data.dates import nanoseconds
 from lbgc.data.instants import Hole, Instants, instants
 from lbgc.errors import InputError, require
 
@@ -37,8 +38,11 @@ def stamps_of(name: str, columns: Sequence[np.ndarray]) -> np.ndarray:
         return seconds.astype(np.int64) * 10**9 + rest.astype(np.int64)
     (stamps,) = columns
     if stamps.dtype == object:
+        written = nanoseconds(stamps)
+        if written is not None:
+            return written
         raise InputError(
-            "log.time_column", name, "", "holds text that is no date (ISO 8601, such as "
+            "log.time_column", name, "", "holds text that is no date (such as "
             "2026-11-26T12:00:00.010) and no number; give log.rate_hz, and log.time_column=none"
         )  # fmt: skip
     if stamps.dtype.kind in "mM":

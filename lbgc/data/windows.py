@@ -5,9 +5,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc.data.record import Record, block_means, whole_multiple
+from lbgc.data.record import (
+    Record,
+    block_edges,
+    block_means,
+    means_between,
+    nearest_samples,
+    true_rate,
+    whole_multiple,
+)
 from lbgc.errors import InputError
 
+_MOST = 0.98
+"""Of a window's samples that blocks must hold, at the least."""
 UNKNOWN = np.nan
 """A heading that nobody knows."""
 
@@ -71,15 +81,18 @@ def window_of(
 
 
 def cut(record: Record, window_s: float) -> Windows:
-    """The record's consecutive windows of this length; none (W = 0) where it is shorter.
+    """The record's consecutive windows of this length, or of the whole number of samples nearest
+    to it; none (W = 0) where it is shorter.
 
-    Raises InputError where the length is no whole number of samples.
+    Raises InputError where no whole number of samples is within 2% of the length.
     """
-    size = whole_multiple(window_s, 1 / record.rate_hz)
+    size = nearest_samples(window_s, record.rate_hz)
     if size is None:
         raise InputError(
             "windows_s", window_s, "s", f"must be whole samples of {1 / record.rate_hz:g} s"
         )
+    whole = whole_multiple(window_s, 1 / record.rate_hz) is not None
+    length_s = window_s if whole else size / record.rate_hz
     count = len(record.gyro) // size
 
     def rows(values: np.ndarray) -> np.ndarray:
@@ -96,7 +109,7 @@ def cut(record: Record, window_s: float) -> Windows:
         all_of(record.latitude),
         all_of(record.heading),
         all_of(record.heading_reference),
-        np.arange(count) * window_s,
+        np.arange(count) * length_s,
     )
 
 
@@ -118,14 +131,28 @@ def joined(several: Sequence[Windows]) -> Windows:
     )
 
 
-def at_rate(windows: Windows, rate_hz: float) -> Windows:
-    """The windows at a lower rate, by block means.
+def length_note(record: Record, window_s: float) -> str | None:
+    """How long the record's windows are, where that is not as long as asked for."""
+    size = nearest_samples(window_s, record.rate_hz)
+    if size is None or whole_multiple(window_s, 1 / record.rate_hz) is not None:
+        return None
+    return (
+        f"windows of {window_s:g} s are {size} samples, {size / record.rate_hz:.6g} s, "
+        f"at {record.rate_hz:.6g} Hz"
+    )
 
-    Raises InputError where their rate is no whole multiple of `rate_hz`, or one window no whole
-    number of blocks.
+
+def at_rate(windows: Windows, rate_hz: float) -> Windows:
+    """The windows at a lower rate, by block means: of equal blocks, or as equal as whole samples
+    can be.
+
+    Raises InputError where their rate is no whole multiple of `rate_hz`, nor near to one, and
+    blocks have too few samples for one more or less to be little; or where more than 2% of a window
+    is no whole block.
     """
-    block = whole_multiple(windows.rate_hz, rate_hz)
-    if block is None or windows.gyro.shape[1] % block:
+    samples = windows.gyro.shape[1]
+    edges = block_edges(samples, windows.rate_hz, rate_hz)
+    if edges is None or not len(edges) > 1 or edges[-1] < _MOST * samples:
         raise InputError(
             "the data's rate",
             f"{windows.rate_hz:g}",
@@ -133,22 +160,14 @@ def at_rate(windows: Windows, rate_hz: float) -> Windows:
             f"must be a whole multiple of {rate_hz:g} Hz, and each window of "
             f"{windows.duration_s:g} s whole blocks of {1 / rate_hz:g} s",
         )
-    if block == 1:
+    if edges[-1] == len(edges) - 1:
         return windows
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        w, t, *rest = values.shape
-        return values.reshape(w, t // block, block, *rest).mean(axis=2, dtype=np.float64)
-
-    return Windows(
-        mean(windows.gyro),
-        mean(windows.accel),
-        mean(windows.plate_angle),
-        rate_hz,
-        windows.latitude,
-        windows.heading,
-        windows.heading_reference,
-        windows.start_s,
+    return replace(
+        windows,
+        gyro=means_between(windows.gyro, edges, axis=1),
+        accel=means_between(windows.accel, edges, axis=1),
+        plate_angle=means_between(windows.plate_angle, edges, axis=1),
+        rate_hz=true_rate(edges, windows.rate_hz, rate_hz),
     )
 
 

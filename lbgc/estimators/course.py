@@ -29,6 +29,8 @@ _ALONE = np.deg2rad(1e-6)
 its mean angle by little more than that, and its mean rate by much."""
 _PARTS = ("blocks", "lengths", "angle", "rate", "turned", "squared", "unsure")
 _Part: TypeAlias = tuple[int, int, float, float, complex, float, float]
+_MOVES = 0.02  # of the fastest
+_MANY = 4  # samples of a slew that show its course
 _TOLD = np.deg2rad(50.0)
 """Of travel from sample to sample: above it a slew's mean cosine does not follow from them."""
 
@@ -80,7 +82,7 @@ class Course:
     squared: tuple[float, ...]
     """(n,), (rad/s)^2, mean of the rate's square"""
     unsure: tuple[float, ...]
-    """(n,), 1 sigma of `turned`: of a slew that is told by few samples"""
+    """(n,), 1 sigma of `turned`: of slews, which are told by so many samples; zero else"""
 
     @property
     def c(self) -> np.ndarray:
@@ -94,7 +96,7 @@ class Course:
     @property
     def slewing(self) -> np.ndarray:
         """Which parts are slews, bool (n,)."""
-        return np.array(self.lengths, int) > 1
+        return np.array(self.unsure) > 0
 
     @property
     def resting(self) -> np.ndarray:
@@ -168,17 +170,20 @@ class Course:
 def _slew(
     angle: np.ndarray, of_blocks: np.ndarray, size: int, interval: float, before: int, last: int
 ) -> list[_Part]:
-    """The slew between the rests of blocks `before` and `last` + 1, as one part, or none."""
+    """The slew between the rests of blocks `before` and `last` + 1, as one part, or none where its
+    samples are too few to tell it."""
     length = last - before
     samples = angle[(before + 1) * size : (last + 1) * size]
     around = angle[(before + 1) * size - 1 : (last + 1) * size + 1]
-    if length < 2 or np.abs(np.diff(around)).max() > _TOLD:
-        return []
     travel = (around[2:] - around[:-2]) / 2
+    moving = int(np.sum(np.abs(travel) > _MOVES * np.abs(travel).max()))
+    if moving < 2 or np.abs(np.diff(around)).max() > _TOLD:
+        return []
     turned = np.mean(np.exp(1j * samples) * np.sinc(travel / (2 * np.pi)))
     rate = (of_blocks[last + 1] - of_blocks[before]) / (length * interval)
     squared = np.mean((travel * size / interval) ** 2)
-    unsure = np.mean(travel**2) / 24  # what a steady rate within each sample has done to it
+    # what a steady rate within each sample does to it; or a jump, where few samples tell them apart
+    unsure = np.mean(travel**2) / (24 if moving >= _MANY else 2)
     return [(before + 1, length, float(samples.mean()), float(rate), complex(turned),
              float(squared), float(unsure))]  # fmt: skip
 

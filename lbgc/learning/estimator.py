@@ -74,7 +74,7 @@ class Learned:
         Raises InputError where the windows' rate is no whole multiple of the model's, where they
         are too short, or where a value is not finite or a sensor's axis does not change at all.
         """
-        if windows.duration_s < SHORTEST_WINDOW_S - 1e-9:
+        if windows.duration_s < SHORTEST_WINDOW_S - 1 / windows.rate_hz:
             raise InputError(
                 "a window",
                 f"{windows.duration_s:g}",

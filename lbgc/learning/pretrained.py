@@ -61,7 +61,8 @@ class Pretrained:
         about = f"; it is meant for {self.meant_for}"
         if at.min() < low - _NEAR_DEG or at.max() > high + _NEAR_DEG:
             raise refusal(self.name, f"{at[0]:.4g}", "deg", "is no latitude of its" + about)
-        if not min(lengths) <= windows.duration_s <= max(lengths):
+        sample = 1 / windows.rate_hz  # a window is of the nearest whole number of samples
+        if not min(lengths) - sample < windows.duration_s < max(lengths) + sample:
             raise refusal(self.name, f"{windows.duration_s:g}", "s", "is no length of its" + about)
         if turns != (self.said["protocol"] not in ("static", "heading_scan")):
             does = "turns" if turns else "rests"

@@ -14,11 +14,11 @@ the same less what that base's heading explains, in axes that it turned north.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc.data.record import whole_multiple
+from lbgc.data.record import nearest_samples
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
@@ -36,6 +36,8 @@ _ARM_M = 1.0
 _STILL = 1e-5
 """rad/s, rms: a base that does not sway"""
 _MINUTE = 60.0
+_LEFT_OVER = 0.02
+"""Of a window, at the most, that may fill no whole step and is left out."""
 _AT_ONCE = 200_000
 """Samples integrated together, for memory's sake"""
 
@@ -57,6 +59,7 @@ class Swaying:
     def of(cls, windows: Windows, rate_hz: float) -> "Swaying":
         """Means at this rate, T a window. Raises InputError where samples are too slow, or are not
         whole means."""
+        windows = _of_whole_steps(windows, rate_hz)
         block = _block(windows, rate_hz)
         series = integrate(windows)
         before = series.before
@@ -101,7 +104,7 @@ def inputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A network's features, float32 (W, T, PER_STEP + CONSTANTS), and the headings, (W,), rad, that
     it corrects: zero without a base. Raises InputError as `Swaying.of` does."""
-    _block(windows, rate_hz)
+    windows = _of_whole_steps(windows, rate_hz)
     size = max(1, _AT_ONCE // windows.gyro.shape[1])
     features, headings = [], []
     for first in range(0, len(windows), size):
@@ -121,11 +124,26 @@ def _block(windows: Windows, rate_hz: float) -> int:
     if windows.rate_hz < LEAST_RATE_HZ * (1 - 1e-9):
         about = f"must be {LEAST_RATE_HZ:g} Hz or more: the model takes a base that sways"
         raise InputError("the data's rate", f"{windows.rate_hz:g}", "Hz", about)
-    block = whole_multiple(windows.rate_hz, rate_hz)
-    if block is None or windows.gyro.shape[1] % block:
+    block = nearest_samples(1 / rate_hz, windows.rate_hz)
+    samples = windows.gyro.shape[1]
+    if block is None or samples % block > _LEFT_OVER * samples:
         about = f"must be whole steps of {1 / rate_hz:g} s, as each window of the model's"
         raise InputError("the data's rate", f"{windows.rate_hz:g}", "Hz", about)
     return block
+
+
+def _of_whole_steps(windows: Windows, rate_hz: float) -> Windows:
+    """Less the samples at the end that fill no step."""
+    samples = windows.gyro.shape[1]
+    used = samples - samples % _block(windows, rate_hz)
+    if used == samples:
+        return windows
+    return replace(
+        windows,
+        gyro=windows.gyro[:, :used],
+        accel=windows.accel[:, :used],
+        plate_angle=windows.plate_angle[:, :used],
+    )
 
 
 def _slope(series: np.ndarray, t: np.ndarray) -> np.ndarray:

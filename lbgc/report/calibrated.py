@@ -43,15 +43,22 @@ def _bias_line(c: Calibration, axis: int) -> str:
     between = ""
     if c.session_sigma is not None and c.session_interval is not None:
         between = f"between sessions {_spread(c.session_sigma, c.session_interval, axis)}, "
+    d = _decimals(c.bias_sigma[axis] / _DPH)
     return (
-        f"  bias {AXES[axis]:8s} {whose} {bias:+.2f} ({low:+.2f} to {high:+.2f}) deg/h, {between}"
-        f"run to run {_spread(c.run_sigma, c.run_interval, axis)}"
+        f"  bias {AXES[axis]:8s} {whose} {bias:+.{d}f} ({low:+.{d}f} to {high:+.{d}f}) deg/h, "
+        f"{between}run to run {_spread(c.run_sigma, c.run_interval, axis)}"
     )
 
 
 def _spread(sigma: np.ndarray, interval: np.ndarray, axis: int) -> str:
     value, low, high = (v[axis] / _DPH for v in (sigma, *interval))
-    return f"{value:.2f} ({low:.2f} to {high:.2f}) deg/h"
+    d = _decimals(value)
+    return f"{value:.{d}f} ({low:.{d}f} to {high:.{d}f}) deg/h"
+
+
+def _decimals(doubt: float) -> int:
+    """That two digits of it show; two at the least, six at the most."""
+    return int(np.clip(1 - np.floor(np.log10(max(doubt, 1e-6))), 2, 6))
 
 
 def _matrix_line(c: Calibration, axis: int) -> str:
