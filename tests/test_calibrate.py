@@ -155,6 +155,17 @@ def test_headings_that_are_missing_are_named_and_the_bias_is_told(rng, headings,
     assert "nan" not in said
 
 
+def test_four_headings_give_a_scale_with_one_degree_of_freedom(rng):
+    """t is 12.7; and three of them leave nothing to judge the fourth by."""
+    heading = np.arange(4) * np.pi / 2
+    truth = np.einsum("j,rji->ri", earth_rate_ned(0.5), rotation_z(heading))
+    found = calibrate(truth + DPH * rng.standard_normal((4, 3)), heading, 0.5)
+    half = (found.matrix_interval[1] - found.matrix_interval[0]) / 2
+    np.testing.assert_allclose(half, 12.706 * found.matrix_sigma, rtol=1e-3)
+    assert found.without_all is None
+    assert "scale and misalignment taken out" not in report(found, "mine")
+
+
 def test_a_navigation_grade_bias_shows_its_digits(rng):
     heading = np.arange(12) * np.pi / 6
     truth = np.einsum("j,rji->ri", earth_rate_ned(0.5), rotation_z(heading))

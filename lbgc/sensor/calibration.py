@@ -7,6 +7,7 @@ session's and the run's, and what follows Earth's horizontal rate is scale and m
 in the bias. What all that is worth is told on recordings that it was not fitted to.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +86,7 @@ class Calibration:
     """rad, of the plain mean"""
     without_bias: LeftOut
     without_all: LeftOut | None
-    """Bias, scale and misalignment; None where they are not told"""
+    """Bias, scale and misalignment; None where they are not told, be it by all but one"""
 
 
 @dataclass(frozen=True)
@@ -170,8 +171,8 @@ def calibrate(
         along_mean=float(along.mean()),
         along_sigma=float(along.std(ddof=1)),
         heading_rmse=float(np.sqrt(np.mean(plain**2))),
-        without_bias=_left_out(data, plain, with_matrix=False),
-        without_all=None if own is None else _left_out(data, plain, with_matrix=True),
+        without_bias=_left_out(data, plain, lambda others: (others.error.mean(axis=0), None)),
+        without_all=_left_out_of_all(data, plain),
     )
 
 
@@ -187,25 +188,46 @@ def _fitted(data: Resting) -> tuple[Gain, Lifetimes, np.ndarray]:
     return found, times, np.sqrt(times.bias_sigma**2 + added)
 
 
-def _left_out(data: Resting, plain: np.ndarray, *, with_matrix: bool) -> LeftOut:
+Told = tuple[np.ndarray, np.ndarray | None]
+"""A bias (3,), rad/s, and M (3, 3) or None."""
+
+
+def _left_out_of_all(data: Resting, plain: np.ndarray) -> LeftOut | None:
+    """Bias, scale and misalignment taken out of those left out; None where the headings of the
+    others do not tell them."""
+
+    def told(others: Resting) -> Told:
+        found, times, _ = _fitted(others)
+        if found.matrix is None:
+            raise _NotTold
+        return times.bias, found.matrix
+
+    try:
+        return _left_out(data, plain, told)
+    except _NotTold:
+        return None
+
+
+class _NotTold(Exception):
+    """Scale and misalignment do not show in these recordings."""
+
+
+def _left_out(data: Resting, plain: np.ndarray, told: Callable[[Resting], Told]) -> LeftOut:
     """Each session's headings (each recording's, where there are not three sessions) corrected by
     what the others tell.
 
-    plain : (R,), rad, heading errors of the plain mean.
+    plain : (R,), rad, heading errors of the plain mean; told : what some recordings tell.
     """
-    sessions = np.unique(data.session)
-    by_session = len(sessions) > 2
+    by_session = len(np.unique(data.session)) > 2
     group = data.session if by_session else np.arange(len(plain))
     left, gains = np.empty(len(plain)), []
     for label in np.unique(group):
         out = group == label
-        others = data.rows(~out)
         one = data.rows(out)
-        mended = one.rates - others.error.mean(axis=0)
-        if with_matrix:
-            found, times, _ = _fitted(others)
-            matrix = np.column_stack([(found.directions @ found.slope).T, np.zeros(3)])
-            mended = np.linalg.solve(np.eye(3) + matrix, (one.rates - times.bias).T).T
+        bias, matrix = told(data.rows(~out))
+        mended = one.rates - bias
+        if matrix is not None:
+            mended = np.linalg.solve(np.eye(3) + matrix, mended.T).T
         left[out] = one.heading_error(mended)
         gains.append(np.mean(plain[out] ** 2 - left[out] ** 2))
     spread = np.std(gains, ddof=1) / np.sqrt(len(gains))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 from common import Report
-from real import clean, files, fits, spoiled
+from real import clean, files, fits, headings, spoiled
 
 from lbgc.errors import require_choice
 
@@ -42,6 +42,11 @@ def parts(c: Mapping) -> dict[str, Callable[[Report], None]]:
         "spoiled": lambda r: spoiled.run(r, c["spoiled"], c["clean"], seed),
         "tones": lambda r: fits.tones(r, c["tones"], seed),
         "speed": lambda r: fits.speed(r, c["speed"], seed),
+        "floor": lambda r: headings.floor(r, c["floor"], seed),
+        "leaning": lambda r: headings.leaning(r, c["leaning"], seed),
+        "unseen": lambda r: headings.low_signal(r, c["unseen"], seed),
+        "calibrate": lambda r: headings.calibrate(r, c["calibrate"]),
+        "presets": lambda r: headings.presets(r, c),
         "real": lambda r: fits.real(r, c["real"]),
         "readme": lambda r: readme(r, c),
     }
