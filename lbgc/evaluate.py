@@ -4,8 +4,10 @@ python lbgc/evaluate.py data=PATH run=RUN
 python lbgc/evaluate.py log=lasergyro
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from lbgc.data import logs
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
-from lbgc.estimators import CLASSICAL, coarse
+from lbgc.estimators import CLASSICAL, coarse, static
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, outcome_of
@@ -27,6 +29,7 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
 from lbgc.sensor.imu import ImuModel
 from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
+from lbgc.verdict import Verdict, reached
 
 KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
 """The floor is no estimator that one could have: it is told the sensor's law."""
@@ -108,15 +111,16 @@ def main(config: EvaluateConfig) -> Path:
         )
     elif config.log is not None:
         estimators |= _pretrained(config.imu, subject.notes)
+    found, said = _verdict(config, subject)
     with one_thread():
-        result, evaluation = _evaluate(config, estimators, subject, records, count)
+        result, evaluation = _evaluate(config, estimators, subject, records, count, said)
     result = replace(result, learned=tuple(name for name in estimators if name not in KNOWN))
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
-    document = document_of(config.run, result, evaluation)
+    document = document_of(config.run, result, evaluation, found)
     write_atomically(directory / "results.json", as_json(document))
     write_atomically(directory / "windows.csv", evaluation.as_csv())
-    for line in result.notes:
+    for line in (*result.notes, *result.verdicts):
         print(line)
     print(table(result))
     page = write_page(directory / "report.html", result, config.run)
@@ -129,6 +133,29 @@ def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], in
         return of_log(config.log, config.imu)
     assert config.data is not None
     return of_dataset(config.data, config.split, config.against, config.known, config.imu)
+
+
+def _verdict(config: EvaluateConfig, subject: Subject) -> tuple[list[Verdict], list[str]]:
+    """Whether this sensor, these recordings and windows can find north. What is stated of the
+    sensor is doubted wherever it is not the law that the recordings were simulated by."""
+    doubted = config.log is not None or config.imu is not None
+    records = list(subject.records() if doubted else islice(subject.records(), 1))
+    return reached(
+        subject.name,
+        subject.sensor,
+        subject.imu,
+        records,
+        config.windows_s,
+        doubted,
+        _bias_sigma(config),
+    )
+
+
+def _bias_sigma(config: EvaluateConfig) -> float | None:
+    """1 sigma of each gyro's bias, rad/s, by the limit that the user gave, as if every bias within
+    it were as probable; None where there is no limit, or the sensor is named."""
+    limit = None if config.log is None or config.imu is not None else config.log.bias_limit
+    return None if limit is None else limit / 3**0.5
 
 
 def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]:
@@ -158,6 +185,11 @@ def _contenders(
     config: EvaluateConfig, estimators: Mapping[str, Estimator], imu: ImuModel | None
 ) -> dict[str, _Contender]:
     found = {name: _Contender(estimate, imu) for name, estimate in estimators.items()}
+    bias_sigma = _bias_sigma(config)
+    if bias_sigma is not None:
+        for name in found.keys() & {"mean", "triad"}:
+            own = partial(getattr(static, name), bias_sigma=bias_sigma)
+            found[name] = _Contender(own, imu)
     if config.known:
         assert imu is not None
         name = f"floor, {' and '.join(config.known)} known"
@@ -171,6 +203,7 @@ def _evaluate(
     subject: Subject,
     records: Iterator[Measured],
     count: int,
+    verdicts: Sequence[str],
 ) -> tuple[Result, Evaluation]:
     """Every estimator on every window of every record."""
     evaluation = Evaluation()
@@ -223,7 +256,7 @@ def _evaluate(
     of_sensor = warnings(subject.imu, shortest)
     notes += [note for note in coarse_means.values() if note is not None]
     notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
-    return outcome_of(subject, evaluation, keys, notes, config.reach_deg), evaluation
+    return outcome_of(subject, evaluation, keys, notes, config.reach_deg, verdicts), evaluation
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 python lbgc/fit.py log=csv log.path=mine.csv log.latitude=48.1 name=mine
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,9 @@ from lbgc.errors import InputError, require, require_positive, run_main
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.fitted import of_axes, of_axis, report
+from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
-from lbgc.sensor import axes
+from lbgc.sensor import axes, warmup
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Fit
 
@@ -39,6 +40,8 @@ class FitConfig:
     """Corners of the bias instability's flat floor; a log says little about them."""
     flicker_long_s: float = 3600.0
     """The longer one."""
+    skip_s: float = 0.0
+    """Seconds to leave out at the start of each recording, while the sensor warms up."""
     processes: int | None = None
     """Axes fitted side by side; null: one a core, and one after the other where the log is short.
     No number depends on it."""
@@ -49,6 +52,7 @@ class FitConfig:
         require(one, "data or log", given, "give one: log=NAME, or data=PATH")
         require(self.name.isidentifier(), "name", self.name, "must be a plain word")
         require_positive("flicker_short_s", self.flicker_short_s)
+        require(self.skip_s >= 0, "skip_s", self.skip_s, "must not be negative")
         if self.processes is not None:
             require(self.processes > 0, "processes", self.processes, "must be greater than zero")
         require(
@@ -62,7 +66,7 @@ class FitConfig:
 def main(config: FitConfig) -> Path:
     """Fit every axis, print what was found, write the sensor and its plots; return their folder."""
     static = _read(config)
-    require_steady(static)
+    _require_steady(static, (config.flicker_short_s, config.flicker_long_s))
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
     fits = _fitted(static, config, directory / "axes")
     (directory / "imu").mkdir(exist_ok=True)
@@ -71,7 +75,10 @@ def main(config: FitConfig) -> Path:
     if static.heading is not None and len(static.heading) >= calibrate.FEWEST:
         calibration = _calibrated(static)
     corners = (config.flicker_short_s, config.flicker_long_s)
-    yaml = sensor_yaml(config.name, corners, static, fits, calibration)
+    sizes = bias_sizes(static, fits)
+    if calibration is not None:
+        del sizes["gyro"]
+    yaml = sensor_yaml(config.name, corners, static, fits, calibration, sizes)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
     write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
     for part in PARTS:
@@ -82,6 +89,18 @@ def main(config: FitConfig) -> Path:
     print("use it:")
     print(f"python sim/generate.py --config-dir {directory} imu={config.name}")
     return directory
+
+
+def _require_steady(static: Static, corners: tuple[float, float]) -> None:
+    """The noise is one throughout, as it stands or without what the mean does beyond it."""
+    try:
+        require_steady(static)
+    except InputError:
+        gyro, accel = (
+            np.stack([[warmup.taken_out(x, static.dt, corners)[0] for x in r.T] for r in part])
+            for part in (static.gyro, static.accel)
+        )
+        require_steady(replace(static, gyro=gyro.swapaxes(1, 2), accel=accel.swapaxes(1, 2)))
 
 
 def _calibrated(static: Static) -> Calibration | None:
@@ -137,8 +156,9 @@ def _read(config: FitConfig) -> Static:
     still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
     require(still, "data", name, "has a plate that turns; noise is fitted to resting recordings")
     headings = [r.heading_reference for r in records]
+    first = round(config.skip_s * records[0].rate_hz)
     n = min(len(r.gyro) for r in records)
-    seconds = n / records[0].rate_hz
+    seconds = max(0, n - first) / records[0].rate_hz
     if seconds < SHORTEST_S:
         raise InputError(
             name, f"{seconds:g}", "s", f"is too short to tell noise from bias; {SHORTEST_S:g} s "
@@ -146,8 +166,8 @@ def _read(config: FitConfig) -> Static:
         )  # fmt: skip
     return Static(
         name,
-        np.stack([r.gyro[:n] for r in records]),
-        np.stack([r.accel[:n] for r in records]),
+        np.stack([r.gyro[first:n] for r in records]),
+        np.stack([r.accel[first:n] for r in records]),
         1 / records[0].rate_hz,
         records[0].latitude,
         None if any(h is None for h in headings) else np.array(headings, dtype=float),

@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "lbgc.learning": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics", "lbgc.headings"},
     "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
-    "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report"},
+    "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report", "lbgc.verdict"},
     "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }

@@ -249,7 +249,7 @@ def spoil(name: str, rng) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("dead", "gyro right: never changes"),
+        ("dead", "never changes"),
         ("shaken", "something moved, or shook it"),
         ("short", "10 s: is too short to tell noise"),
     ],

@@ -45,7 +45,7 @@ def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
 def _terms(fit: Fit) -> tuple:
     tones = tuple(noise.Sinusoid(t.amplitude, t.f) for t in fit.tones)
     ramp = () if fit.ramp.is_limit else (noise.Ramp(fit.ramp.value),)
-    return (*fit.terms(), *ramp, *tones)
+    return (*fit.printed, *ramp, *tones)
 
 
 def _with_terms(

@@ -7,6 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from lbgc.data.static import AXES, Static
+from lbgc.report.remarks import remarks
 from lbgc.sensor.fitting import Fit
 from lbgc.sensor.goodness import Goodness
 from lbgc.sensor.profile import Estimate
@@ -78,10 +79,15 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                 plain = unnumbered(name)
                 e = half_power(fit) if name == "bandwidth" else e
                 lines.append(f"  {WORDS[plain]:30s} {spelled(e, KEYS[plain][which])}")
+            key = KEYS["B"][which]
+            lowest, tau = fit.allan_minimum
+            minimum = f"{lowest / factor(key):.4g} {unit_of(key)} at {tau:.3g} s"
+            lines.append(f"  {'Allan minimum of N, B, K':30s} {minimum}")
             for tone in fit.tones:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
                 lines.append(f"  {'tone':30s} {size:.3g} {unit} at {tone.f:.4g} Hz")
+            lines += [f"  {said}" for said in remarks(fit, which)]
             lines.append(f"  {'goodness of fit':30s} {explained(fit)}")
     return "\n".join(lines)
 
@@ -108,6 +114,8 @@ def half_power(fit: Fit) -> Estimate:
 def spelled(e: Estimate, key: str) -> str:
     """An estimate, or the limit that the data set, in its key's unit."""
     scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
+    if e.is_withheld:
+        return "cannot be told from this log"
     if e.is_limit:
         return (
             f"below {e.upper / scale:.3g}{unit} (95%); this log cannot tell it from zero, a longer "
@@ -130,6 +138,9 @@ def of_axis(fit: Fit) -> dict:
     return {
         "estimates": {n: _plain(e) for n, e in every_estimate(fit).items()},
         "tones": [asdict(t) for t in fit.tones],
+        "allan_minimum": dict(zip(("value", "tau_s"), fit.allan_minimum, strict=True)),
+        "courses": [asdict(c) for c in fit.courses],
+        "counts": None if fit.counts is None else asdict(fit.counts),
         "bic": fit.bic,
         "goodness": None if fit.goodness is None else _goodness(fit.goodness),
     }

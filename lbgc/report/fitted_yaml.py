@@ -4,6 +4,8 @@ import numpy as np
 
 from lbgc.data.static import Static
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
+from lbgc.report.fitted_beside import beside
+from lbgc.sensor.bias_size import BiasSize
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Fit
 from lbgc.sensor.profile import Estimate
@@ -16,16 +18,21 @@ def sensor_yaml(
     static: Static,
     fits: dict[str, list[Fit]],
     calibration: Calibration | None = None,
+    sizes: dict[str, BiasSize] | None = None,
 ) -> str:
-    """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero."""
+    """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero.
+
+    sizes : of the biases, gyro and accel, where a mean alone tells them."""
+    more = beside(fits, sizes)
     seconds = static.gyro.shape[1] * static.dt
     lines = [
         f"# Fitted by lbgc to {static.name}: {len(static.gyro)} x {seconds:g} s at "
         f"{1 / static.dt:g} Hz.",
         "# Each line: forward, right, down; 95% intervals behind. What the log cannot tell from",
-        "# zero is zero, with its 95% upper limit behind. Biases need recordings with known",
-        "# headings.",
+        "# zero is zero, with its 95% upper limit behind. A single recording tells biases by its",
+        "# mean alone, and not how long they last: recordings with known headings do.",
         f"name: {name}",
+        *more.top,
     ]
     for which, part in enumerate(("gyro", "accel")):
         lines.append(f"{part}:")
@@ -39,6 +46,7 @@ def sensor_yaml(
         lines += _yaml_of_lines(which, fits[part])
         if part == "gyro" and calibration is not None:
             lines += _bias_lines(calibration)
+        lines += more.triads[part]
     return "\n".join(lines) + "\n"
 
 
@@ -67,13 +75,18 @@ def _figures(start: str, name: str, found: list[Estimate | None], scale: float) 
     neutral = _NEUTRAL.get(name, 0.0)
     is_size = name not in _NEUTRAL  # else part of a shape, which keeps its place at an end too
     told = [
-        neutral if e is None else 0.0 if e.is_limit and is_size else e.value / scale for e in found
-    ]
+        neutral if e is None
+        else 0.0 if e.is_limit and is_size and not (e.is_withheld and name == "N")
+        else e.value / scale
+        for e in found
+    ]  # fmt: skip
     ranges = ["-" if e is None else _range(e, scale) for e in found]
     return f"{start}: [{', '.join(map(_number, told))}]  # {', '.join(ranges)}"
 
 
 def _range(e: Estimate, scale: float) -> str:
+    if e.is_withheld:
+        return "cannot be told"
     if e.is_limit:
         return f"<{e.upper / scale:.3g}"
     if e.is_lower_limit:

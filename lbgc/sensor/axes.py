@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from lbgc.sensor.fitting import Fit, choose, judged
-from lbgc.sensor.ordinates import pooled
+from lbgc.sensor import resting
+from lbgc.sensor.fitting import Fit
 
 Name: TypeAlias = tuple[str, int]
 """gyro or accel, and which axis"""
@@ -68,10 +68,7 @@ def _finished(begun: dict[Future, Name], said: Any, say: Say) -> Iterator[tuple[
 def _fit(
     series: np.ndarray, dt: float, corners: tuple[float, float], say: Callable[[str], None]
 ) -> Fit:
-    data = pooled(series, dt)
-    fit = choose(data, corners, say)
-    say("goodness of fit")
-    return judged(series, data, fit)
+    return resting.fitted(series, dt, corners, say)
 
 
 def _task(name: Name, series: np.ndarray, dt: float, corners: tuple[float, float]) -> Fit:

@@ -53,7 +53,7 @@ class Likelihood:
     ) -> tuple[np.ndarray, np.ndarray]:
         """v (M,) and its derivative by the log-parameters, or by the loose ones of them, (M, P)."""
         asked = np.ones(len(p), bool) if loose is None else loose
-        values, columns, at = np.zeros(len(self.count)), [], 0
+        values, columns, at = np.full(len(self.count), self.data.rounding), [], 0
         for shape in self.shapes:
             own = p[at : at + len(shape.names)]
             scale = np.exp(2 * own[0])
@@ -94,7 +94,7 @@ class Likelihood:
         return out
 
     def value(self, p: np.ndarray) -> float:
-        v, at = np.zeros(len(self.count)), 0
+        v, at = np.full(len(self.count), self.data.rounding), 0
         for shape in self.shapes:
             own = np.exp(p[at : at + len(shape.names)])
             v += own[0] ** 2 * self.unit_variance(shape, tuple(own[1:]))

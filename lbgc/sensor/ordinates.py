@@ -40,6 +40,8 @@ class Ordinates:
     """(M,), how many"""
     tones: tuple[Tone, ...] = ()
     """Found and left out of the bins."""
+    rounding: float = 0.0
+    """unit^2 s: white noise that is known to be the samples' rounding, and no term of the model."""
 
     @property
     def recordings(self) -> int:

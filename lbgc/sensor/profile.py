@@ -1,6 +1,6 @@
 """Intervals of fitted parameters: where the likelihood, the others maximised, falls off."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,8 @@ _SHARP = 0.04  # of a log-parameter's standard error, below which its likelihood
 class Estimate:
     """A parameter, SI: its value and two-sided 95% interval. Where the data cannot tell it from
     zero (at 95%, one-sided), `low` is zero and only the upper limit means anything; where they
-    cannot tell it from infinity, `high` is infinite and only `low` means anything."""
+    cannot tell it from infinity, `high` is infinite and only `low` means anything. Where they tell
+    nothing of it, both are so, and the value is what they look like."""
 
     value: float
     low: float
@@ -33,6 +34,21 @@ class Estimate:
     @property
     def is_lower_limit(self) -> bool:
         return np.isinf(self.high)
+
+    @property
+    def is_withheld(self) -> bool:
+        """Whether the data tell nothing of it."""
+        return self.is_limit and self.is_lower_limit
+
+
+def mixture_quantiles(
+    weights: Sequence[float], centres: Sequence[float], sigmas: Sequence[float], at: Sequence[float]
+) -> np.ndarray:
+    """Quantiles of a mixture of normal laws."""
+    centre, sigma = np.array(centres), np.array(sigmas)
+    x = np.linspace((centre - 5 * sigma).min(), (centre + 5 * sigma).max(), 4001)
+    below = scipy.stats.norm.cdf((x[:, None] - centre) / sigma) @ np.array(weights)
+    return np.interp(at, below, x)
 
 
 def widened(e: Estimate, by: float) -> Estimate:

@@ -1,11 +1,11 @@
 """Which terms a recording's noise is made of.
 
 From the core (white noise, bias instability, random walk) terms are added one by one, where the
-Bayesian information criterion gains by them: angle quantisation, an output filter, a Gauss-Markov
-process, lines where the spectrum stands above the model. Such a search sticks: two lines close to
-each other look like one, and a line hides a filter. So what was found is also shaken: lines split
-and merge, every term is left out in turn, and the search starts a second time from all the peaks of
-the spectrum at once.
+likelihood gains more by them than chance would give in one log of some hundreds: an angle
+quantisation, an output filter, a Gauss-Markov process, lines where the spectrum stands above the
+model. Such a search sticks: two lines close to each other look like one, and a line hides a filter.
+So what was found is also shaken: lines split and merge, every term is left out in turn, and the
+search starts a second time from all the peaks of the spectrum at once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,8 +30,10 @@ from lbgc.sensor.shapes import (
     renumbered,
 )
 
-WORTH = 6.0
-"""What a further term must gain in the information criterion: strong evidence."""
+_COSTS = {"Q": 8.0, "N": 12.0, "GM_sigma": 15.0, "line_sigma": 34.0}
+"""What a term must gain in twice the log-likelihood: chi-squared with its parameters' number of
+degrees of freedom exceeds that in a few of a thousand logs; a line's, over all places and widths
+where one could be."""
 _MOST_TERMS = 12
 _ROUNDS = 12
 _WINDOWS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -48,7 +50,8 @@ class Trial:
 
     shapes: list[Shape]
     values: dict[str, float]
-    bic: float
+    cost: float
+    """Minus twice the log-likelihood, and what the terms must gain: the least is the best"""
     model: np.ndarray
     """(M,), the density of every ordinate, unit^2 s"""
 
@@ -75,7 +78,7 @@ def search(
         together = _all_peaks(data, begin, say)
         if together.lines:
             other = _shaken(data, _grown(data, together, say), say)
-            best = min(best, other, key=lambda t: t.bic)
+            best = min(best, other, key=lambda t: t.cost)
     return best
 
 
@@ -95,7 +98,14 @@ def try_out(
     else:
         p, value = likelihood.minimise(guess, None, 40, 1e-3)
     values = dict(zip(likelihood.names, np.exp(p).tolist(), strict=True))
-    return Trial(shapes, values, likelihood.bic(value), likelihood.variance(p)[0])
+    return Trial(shapes, values, 2 * value + _needed(shapes), likelihood.variance(p)[0])
+
+
+def _needed(shapes: list[Shape]) -> float:
+    """What all optional terms together must gain."""
+    plain = ("N",), ("B",), ("K",)
+    named = (s.names[0] if not is_line(s) else "line_sigma" for s in shapes if s.names not in plain)
+    return sum(_COSTS[name] for name in named)
 
 
 def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
@@ -137,9 +147,9 @@ def half_power_ratio(damping: float) -> float:
 def _best(data: Ordinates, options: Sequence[Option]) -> list[Trial]:
     """The two most promising of a short trial of each, fitted; sensible ones only."""
     rough = [try_out(data, *option, rough=True) for option in options]
-    rough = sorted((t for t in rough if np.isfinite(t.bic)), key=lambda t: t.bic)[:2]
+    rough = sorted((t for t in rough if np.isfinite(t.cost)), key=lambda t: t.cost)[:2]
     fine = [try_out(data, t.shapes, t.values) for t in rough]
-    return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.bic)
+    return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.cost)
 
 
 def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
@@ -147,7 +157,7 @@ def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
     while len(best.shapes) < _MOST_TERMS:
         say(f"{len(best.shapes)} terms, one more")
         trials = _best(data, list(_extensions(data, best)))
-        if not trials or trials[0].bic > best.bic - WORTH:
+        if not trials or trials[0].cost > best.cost:
             break
         best = trials[0]
     return best
@@ -158,13 +168,13 @@ def _shaken(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
     for _ in range(_ROUNDS):
         say(f"{len(best.shapes)} terms, shaken")
         fewer = _best(data, list(_reductions(best)))
-        if fewer and fewer[0].bic < best.bic + WORTH:
+        if fewer and fewer[0].cost < best.cost:
             best = fewer[0]
             continue
         if not best.lines:
             break
         trials = _best(data, list(_splits(best)))
-        if not trials or trials[0].bic > best.bic - WORTH:
+        if not trials or trials[0].cost > best.cost:
             break
         best = _grown(data, trials[0], say)
     return best

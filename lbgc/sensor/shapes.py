@@ -54,6 +54,7 @@ def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
 QUANTISATION = Shape(("Q",), AngleQuantisation)
 GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
 FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
+BUTTERWORTH_WHITE = Shape(("N", "bandwidth"), BandLimited)
 FIRST_ORDER_DAMPING = 2.0
 FIRST_ORDER = Shape(("N", "bandwidth"), partial(BandLimited, damping=FIRST_ORDER_DAMPING))
 """White noise behind a filter whose other pole is fourteen times as fast."""

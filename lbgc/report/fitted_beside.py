@@ -1,0 +1,109 @@
+"""What the fitted sensor's YAML holds beside noise: warming up, counts, and how large the biases
+are as far as one recording's mean tells."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.data.static import PARTS, Static
+from lbgc.sensor import bias_size
+from lbgc.sensor.bias_size import BiasSize
+from lbgc.sensor.fitting import Fit
+from lbgc.sensor.warmup import Course
+from lbgc.units import factor, unit_of
+
+_PER_K = ("bias_per_k_deg_per_h_per_k", "bias_per_k_ug_per_k")
+_COUNT = ("rate_lsb_deg_per_s", "lsb_ug")
+_BIAS = ("bias_run_deg_per_h", "bias_run_mg")
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Lines of YAML."""
+
+    top: list[str]
+    triads: dict[str, list[str]]
+
+
+def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None) -> Beside:
+    """Of what was fitted; sizes : of the biases, where they are to be stated."""
+    time = _common_time(fits)
+    top = []
+    if sizes:
+        said = " and ".join(
+            f"{part} bias of {_figure(sizes[part].value / factor(key))} {unit_of(key)}"
+            for part, key in zip(PARTS, _BIAS, strict=True)
+            if part in sizes
+        )
+        about = "1 sigma, from the mean of one recording, which cannot say how long a bias lasts"
+        top.append(f'assumed: "{said}: {about}"')
+    if time is not None:
+        top += ["temperature:", "  rise_k: 1  # so that biases per K are what warms away"]
+        top.append(f"  time_s: {_figure(time)}")
+    triads = {
+        part: _per_k(fits[part], which, time)
+        + _counts(fits[part], which)
+        + (_bias(sizes[part], which) if sizes and part in sizes else [])
+        for which, part in enumerate(PARTS)
+    }
+    return Beside(top, triads)
+
+
+def _figure(value: float) -> str:
+    text = f"{value:.4g}"
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _decays(fit: Fit) -> list[Course]:
+    return [c for c in fit.courses if c.kind == "decay"]
+
+
+def _common_time(fits: dict[str, list[Fit]]) -> float | None:
+    """One time constant for all: the decays' logarithms, weighted by how well each is known."""
+    every = [c for part in PARTS for fit in fits[part] for c in _decays(fit)]
+    if not every:
+        return None
+    width = np.array([max(np.log(c.high / c.low), 1e-3) for c in every])
+    return float(np.exp(np.average(np.log([c.time for c in every]), weights=1 / width**2)))
+
+
+def _per_k(fits: list[Fit], which: int, time: float | None) -> list[str]:
+    sizes = [float(np.sqrt(np.mean([c.size**2 for c in _decays(f)] or [0.0]))) for f in fits]
+    if time is None or not any(sizes):
+        return []
+    own = ", ".join(_figure(size / factor(_PER_K[which])) for size in sizes)
+    said = [f"{c.time:.4g} s" for f in fits for c in _decays(f)]
+    return [f"  {_PER_K[which]}: [{own}]  # warms away; time constants of {', '.join(said)}"]
+
+
+def _counts(fits: list[Fit], which: int) -> list[str]:
+    """The triad's count where its axes have one between them. Counts whose rest is carried over are
+    fitted as quantisation."""
+    kinds = {None if f.counts is None else f.counts.kind for f in fits}
+    if None in kinds or "carried" in kinds:
+        return []
+    sizes = [f.counts.lsb for f in fits if f.counts is not None]
+    if max(sizes) > 1.01 * min(sizes):
+        return []
+    return [f"  {_COUNT[which]}: {_figure(float(np.median(sizes)) / factor(_COUNT[which]))}"]
+
+
+def _bias(size: BiasSize, which: int) -> list[str]:
+    value, low, high = (v / factor(_BIAS[which]) for v in (size.value, size.low, size.high))
+    return [f"  {_BIAS[which]}: {_figure(value)}  # assumed; {low:.3g}..{high:.3g}"]
+
+
+def bias_sizes(static: Static, fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:
+    """Of the first recording, what warms away left out of its mean."""
+    seconds = static.gyro.shape[1] * static.dt
+    mean = {part: getattr(static, part)[0].mean(axis=0) for part in PARTS}
+    for part in PARTS:
+        for axis, fit in enumerate(fits[part]):
+            passing = [c for c in fit.courses if c.kind in ("decay", "rise")]
+            if len(static.gyro) == 1:
+                whole = np.array([0.0, seconds])
+                mean[part][axis] -= sum(float(c.means(whole)[0]) for c in passing)
+    error = max(bias_size.mean_error(fit.terms(), seconds) for fit in fits["gyro"])
+    heading = None if static.heading is None else float(static.heading[0])
+    gyro = bias_size.of_gyro(mean["gyro"], mean["accel"], static.latitude, heading, error)
+    return {"gyro": gyro, "accel": bias_size.of_accel(mean["accel"], static.latitude)}

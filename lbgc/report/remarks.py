@@ -1,0 +1,66 @@
+"""What a fit has to say besides its figures, in plain sentences: what the mean does beyond noise,
+and what counts do to what can be told."""
+
+from lbgc.sensor.counts import Counts
+from lbgc.sensor.fitting import Fit
+from lbgc.sensor.warmup import Course
+from lbgc.units import factor, unit_of
+
+# of what drifts, and of counts: keys whose units the user knows, for a gyro and an accelerometer
+_SIZE = ("warmup_deg_per_h", "warmup_ug")
+_COUNT = ("count_deg_per_s", "count_ug")
+_WORTH_SAYING = 5.0  # counts of noise, below which rounding is more than 0.3% of the variance
+
+
+def remarks(fit: Fit, which: int) -> list[str]:
+    """which : 0 for a gyro, 1 for an accelerometer."""
+    said = [of_course(course, which) for course in fit.courses]
+    if fit.counts is not None:
+        said += of_counts(fit.counts, which)
+    return said
+
+
+def of_course(c: Course, which: int) -> str:
+    key = _SIZE[which]
+    size, unit = c.size / factor(key), unit_of(key)
+    what = {
+        "decay": f"warms up: {size:.3g} {unit} off at the start, with a time constant of "
+        f"{c.time:.3g} s (95% {c.low:.3g} to {c.high:.3g})",
+        "rise": f"drifts by {size:.3g} {unit} towards the end, with a time constant of "
+        f"{c.time:.3g} s (95% {c.low:.3g} to {c.high:.3g})",
+        "step": f"steps by {size:.3g} {unit} at {c.time:.4g} s",
+        "ramp": f"drifts steadily, by {size:.3g} {unit} in {c.duration:.4g} s",
+    }[c.kind]
+    how = "; no random walk: taken out before the noise is fitted"
+    if c.skip_s is not None:
+        return f"{what}{how}, or leave it out with skip_s={c.skip_s:.0f}"
+    if c.kind == "rise":
+        return f"{what}{how}, or cut the log {3 * c.time:.0f} s before its end"
+    return what + how
+
+
+def of_counts(c: Counts, which: int) -> list[str]:
+    key = _COUNT[which]
+    size = f"counts of {c.lsb / factor(key):.4g} {unit_of(key)}"
+    slow = ""
+    if c.blur > 0.9:
+        slow = "; what changes slowly is hidden by them and cannot be told"
+    elif c.blur > 0.02:
+        slow = f"; a slow change may show up to {c.blur:.0%} too large or small: limits are widened"
+    if c.kind == "memory":
+        return [
+            f"{size} are coarser than the noise, whose neighbours hang together: the angle "
+            f"(velocity) random walk cannot be told from them{slow}"
+        ]
+    if c.kind == "coarse" and c.low == 0:
+        return [f"{size} hide the noise, which is below {c.upper:.2g} of one{slow}"]
+    if c.kind == "coarse":
+        return [
+            f"{size} are coarser than the noise, {c.sigma:.2g} of one: the angle (velocity) random "
+            f"walk is from how often each count comes{slow}"
+        ]
+    if c.kind == "carried":
+        return [f"{size}: the rest of each is carried over to the next: quantisation"]
+    if c.sigma < _WORTH_SAYING:
+        return [f"{size}, of which the noise is {c.sigma:.2g}: their rounding is taken out of it"]
+    return []

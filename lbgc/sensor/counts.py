@@ -1,0 +1,309 @@
+"""What a recording's counts do to what it tells: their size, whether the noise shakes them, and the
+white noise before rounding where it does not.
+
+A sample is printed as the count it falls into, y = LSB round(x/LSB). Where x's fast noise exceeds
+0.65 counts, rounding adds white noise of LSB^2/12 and nothing else (Sheppard's correction; its
+first term left out is below 0.3% of the variance, wherever the mean stands). Below that, second
+moments of y tell x's noise wrongly, by how the mean stands within a count, and the likelihood of
+the counts themselves is needed: with counts' edges known,
+
+    P(y = k) = Phi((k + 1/2 - m(t))/sigma) - Phi((k - 1/2 - m(t))/sigma),
+
+an ordered probit regression, m(t) a few slow cosines and tones, whose log-likelihood is concave in
+(1/sigma, m/sigma). It holds for white noise; counts whose residuals remember each other say so.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+import scipy.special
+
+ENOUGH = 0.65
+"""Counts of fast noise, 1 sigma, from which on rounding is plain white noise."""
+_MOST_LEVELS = 4096
+_SHAKEN = 0.15  # half the variance of differences, counts^2: less, and rounding remembers itself
+_BLOCKS = 256
+_SLOW = (0, 6, 30, 100)  # cosines that a slow mean may need
+_TONES = 4
+_LAGS = 30
+_MOST_SAMPLES = 200_000  # of a recording with tones, each of which is a row of its own
+_QUIETEST = 0.04  # counts: less noise than this nothing tells
+_SEEN = 0.15  # standard error of ln sigma, above which the noise has a limit only
+
+
+@dataclass(frozen=True)
+class Counts:
+    """A recording's counts, SI."""
+
+    lsb: float
+    sigma: float
+    """Of the fast noise before rounding, in counts."""
+    low: float
+    """95% interval of sigma; 0: the counts give an upper limit only."""
+    high: float
+    upper: float
+    """One-sided 95% upper limit."""
+    kind: str
+    """dithered: rounding is white noise; carried: the rest of each rounding is carried over to the
+    next sample, so that it is angle quantisation; coarse: sigma is the counts' own; memory: coarse,
+    and the noise is not white, so that no sigma tells N."""
+    blur: float
+    """The most by which the mean seen through the counts can lag or lead a slow change of it, as a
+    share of the change: 2 exp(-2 pi^2 sigma^2), less where tones shake the counts."""
+
+    def rounding(self, dt: float) -> float:
+        """Density of the rounding noise that the samples have besides their own, unit^2 s."""
+        return self.lsb**2 * dt / 12 if self.kind == "dithered" else 0.0
+
+
+def count_size(series: np.ndarray) -> float | None:
+    """The common increment of a recording's values, or None where there is none. series : (...).
+
+    Of values printed to a few digits or as float32, increments are multiples to within that."""
+    levels = np.unique(series)
+    if not 2 <= len(levels) <= _MOST_LEVELS or len(levels) > np.size(series) / 2:
+        return None
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-6 * (levels[-1] - levels[0])]
+    smallest = np.sort(gaps)[: max(1, len(gaps) // 5)]
+    lsb = float(np.median(smallest))
+    for _ in range(3):
+        multiples = np.maximum(np.round(gaps / lsb), 1)
+        lsb = float(np.sum(gaps) / np.sum(multiples))
+    off = np.abs(gaps / lsb - multiples)
+    return lsb if np.quantile(off, 0.95) < 0.15 else None
+
+
+def judged(series: np.ndarray) -> Counts | None:
+    """What a recording's counts do to what it tells, or None where it has none that matter.
+
+    series : (n,), unit, one recording at even intervals."""
+    lsb = count_size(series)
+    if lsb is None:
+        return None
+    y = np.asarray(series, float) / lsb
+    y = np.round(y - y.min())
+    slow = _cosines(len(y), _SLOW[-2] + 1)
+    waves = _tones(y - y.mean())
+    design = np.column_stack([slow, waves]) if waves.size else slow
+    rest = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    variance = float(np.var(rest)) - 1 / 12
+    differences = float(np.mean(np.diff(rest) ** 2)) / 2 - 1 / 12
+    carried = _carried(rest)
+    if carried or (variance > ENOUGH**2 and differences > _SHAKEN):
+        sigma = float(np.sqrt(max(variance - carried / 12, 0.0)))
+        return Counts(lsb, sigma, sigma, sigma, sigma, "carried" if carried else "dithered", 0.0)
+    return _coarse(lsb, y, waves)
+
+
+def _carried(rest: np.ndarray) -> bool:
+    """Whether neighbours' roundings undo each other: their covariance is -1/12 where the rest is
+    carried over, and zero or more where each sample is rounded by itself."""
+    covariance = np.mean(rest[1:] * rest[:-1])
+    sigma = np.var(rest) / np.sqrt(len(rest))
+    return bool(covariance < -1 / 24 and covariance < -3 * sigma)
+
+
+def _cosines(n: int, count: int) -> np.ndarray:
+    """(n, count): the constant and the slowest cosines of an even grid."""
+    return np.cos(np.pi * np.outer(np.arange(n) + 0.5, np.arange(count)) / n)
+
+
+def _tones(y: np.ndarray) -> np.ndarray:
+    """(n, 2 T): cosine and sine of each steady tone that stands out of the spectrum and is of more
+    than a twentieth of a count, their frequencies to a hundredth of the resolution."""
+    n = len(y)
+    window = np.hanning(n)
+    found: list[np.ndarray] = []
+    t = np.arange(n)
+    for _ in range(_TONES):
+        power = np.abs(np.fft.rfft(y * window)) ** 2
+        power[: max(40, n // 2000)] = 0
+        top = int(np.argmax(power[:-1]))
+        level = float(np.mean(power[power > 0])) + 1e-300
+        amplitude = 2 * np.sqrt(power[top]) / np.sum(window)
+        if amplitude < 0.05 or power[top] < 40 * level:
+            break
+
+        def away(f: float, y: np.ndarray = y) -> float:
+            return -abs(np.sum(y * window * np.exp(-2j * np.pi * f * t)))
+
+        best = scipy.optimize.minimize_scalar(
+            away,
+            bounds=((top - 1) / n, (top + 1) / n),
+            method="bounded",
+            options={"xatol": 0.005 / n},
+        )
+        phase = 2 * np.pi * best.x * t
+        wave = np.column_stack([np.cos(phase), np.sin(phase)])
+        found.append(wave)
+        y = y - wave @ np.linalg.lstsq(wave, y, rcond=None)[0]
+    return np.column_stack(found) if found else np.empty((n, 0))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Counts as the likelihood takes them: `weight` samples of count `level` each, where the mean's
+    parts are `design`."""
+
+    design: np.ndarray
+    level: np.ndarray
+    weight: np.ndarray
+    of_sample: np.ndarray
+    """(n,), each sample's row."""
+
+
+def _rows(y: np.ndarray, waves: np.ndarray, slow: int) -> _Rows:
+    n = len(y)
+    if waves.size:
+        n = min(n, _MOST_SAMPLES)
+        design = np.column_stack([_cosines(n, slow + 1), waves[:n]])
+        return _Rows(design, y[:n], np.ones(n), np.arange(n))
+    block = np.minimum(np.arange(n) * _BLOCKS // n, _BLOCKS - 1)
+    pairs, row, weight = np.unique(
+        block * (_MOST_LEVELS + 1) + y.astype(int), return_inverse=True, return_counts=True
+    )
+    at, level = np.divmod(pairs, _MOST_LEVELS + 1)
+    return _Rows(_cosines(_BLOCKS, slow + 1)[at], level.astype(float), weight, row.ravel())
+
+
+def _cell(rows: _Rows, gamma: float, eta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Logarithm of each row's probability, and the normal density at its upper and lower edge over
+    it, and these edges (x sigma). All in the tail where both are small, so that nothing cancels."""
+    upper, lower = gamma * (rows.level + 0.5) - eta, gamma * (rows.level - 0.5) - eta
+    flip = upper + lower > 0
+    a, b = np.where(flip, -upper, lower), np.where(flip, -lower, upper)
+    larger, smaller = scipy.special.log_ndtr(b), scipy.special.log_ndtr(a)
+    log_p = larger + np.log1p(-np.exp(np.minimum(smaller - larger, -1e-12)))
+    constant = 0.5 * np.log(2 * np.pi)
+    at_upper, at_lower = (np.exp(-0.5 * e**2 - constant - log_p) for e in (upper, lower))
+    return log_p, at_upper, at_lower, upper, lower
+
+
+def _maximise(
+    rows: _Rows, gamma: float, b: np.ndarray, fixed: bool = False
+) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """Newton's method on the concave log-likelihood, from 1/sigma = gamma and mean/sigma = design
+    b; `fixed` holds gamma. Returns the log-likelihood, gamma, b and minus the Hessian."""
+    w, X = rows.weight, rows.design
+    most = 1 / _QUIETEST
+    value = float(w @ _cell(rows, gamma, X @ b)[0])
+    hessian = np.eye(1 + len(b))
+    for _ in range(50):
+        _, up, low, u, v = _cell(rows, gamma, X @ b)
+        k_up, k_low = rows.level + 0.5, rows.level - 0.5
+        s = low - up  # of eta
+        g = k_up * up - k_low * low  # of gamma
+        bend = u * up - v * low + s**2  # minus the second derivatives
+        mixed = k_up * (-u * up) - k_low * (-v * low) + g * s
+        own = k_up**2 * u * up - k_low**2 * v * low + g**2
+        gradient = np.concatenate([[w @ g], X.T @ (w * s)])
+        corner, side = w @ own, X.T @ (w * mixed)
+        inner = X.T @ (X * (w * bend)[:, None])
+        hessian = np.block([[np.array([[corner]]), side[None]], [side[:, None], inner]])
+        free = slice(1, None) if fixed else slice(None)
+        part = hessian[free, free]
+        ridge = 1e-10 * np.trace(part) / len(part) + 1e-12
+        step = np.zeros(len(gradient))
+        step[free] = np.linalg.solve(part + ridge * np.eye(len(part)), gradient[free])
+        for _ in range(30):
+            new = float(np.clip(gamma + step[0], 1e-3, most))
+            trial = float(w @ _cell(rows, new, X @ (b + step[1:]))[0])
+            if trial >= value - 1e-12 * abs(value):
+                break
+            step = step / 2
+        gained, gamma, b, value = trial - value, new, b + step[1:], trial
+        if gained < 1e-6:
+            break
+    return value, gamma, b, hessian
+
+
+def _coarse(lsb: float, y: np.ndarray, waves: np.ndarray) -> Counts:
+    """The counts' own likelihood, with as many slow cosines as they ask for."""
+    best = None
+    for slow in _SLOW:
+        if slow > len(y) / 200:
+            break
+        rows = _rows(y, waves, slow)
+        centre = np.average(rows.level, weights=rows.weight)
+        b = np.zeros(rows.design.shape[1])
+        b[0] = centre / 0.4
+        found = _maximise(rows, 1 / 0.4, b)
+        cost = -2 * found[0] + len(b) * np.log(len(rows.of_sample))
+        if best is None or cost < best[0] - 6:
+            best = cost, rows, found
+    assert best is not None
+    _, rows, (value, gamma, b, hessian) = best
+    s = _residuals(rows, gamma, b)
+    spread = _batch_spread(rows, gamma, b, hessian)
+    low, high, upper = _limits(rows, gamma, b, value, spread, hessian)
+    sigma = 1 / gamma
+    swing = rows.design[:, len(b) - waves.shape[1] :] @ b[len(b) - waves.shape[1] :] * sigma
+    shaken = abs(np.average(np.exp(2j * np.pi * swing), weights=rows.weight)) if waves.size else 1.0
+    seen = sigma if low > 0 else upper
+    blur = float(2 * np.exp(-2 * (np.pi * (sigma if low > 0 else 0.0)) ** 2) * shaken)
+    kind = "coarse"
+    if _remembers(s):
+        kind = "memory" if seen < 0.5 else "dithered"
+    elif sigma > ENOUGH:
+        kind = "dithered"
+    return Counts(lsb, sigma, low, high, upper, kind, blur)
+
+
+def _residuals(rows: _Rows, gamma: float, b: np.ndarray) -> np.ndarray:
+    """(n,), of each sample: the derivative of its log-likelihood by its mean."""
+    _, up, low, *_ = _cell(rows, gamma, rows.design @ b)
+    return (low - up)[rows.of_sample]
+
+
+def _remembers(s: np.ndarray) -> bool:
+    """Whether residuals are correlated with those shortly before, by five standard errors."""
+    n = len(s)
+    spectrum = np.abs(np.fft.rfft(s - s.mean(), 2 * n)) ** 2
+    covariance = np.fft.irfft(spectrum)[: _LAGS + 1]
+    z = covariance[1:] / max(covariance[0], 1e-300) * np.sqrt(n)
+    return bool(np.abs(z).max() > 5 or abs(z.sum()) / np.sqrt(_LAGS) > 5)
+
+
+def _batch_spread(rows: _Rows, gamma: float, b: np.ndarray, hessian: np.ndarray) -> float:
+    """Variance of the score of 1/sigma, the mean's parts eliminated, over what independence makes
+    of it, at least 1: from sums over a hundred batches of neighbours (the sandwich's middle)."""
+    _, up, low, *_ = _cell(rows, gamma, rows.design @ b)
+    g = (rows.level + 0.5) * up - (rows.level - 0.5) * low
+    side = np.linalg.lstsq(hessian[1:, 1:], hessian[1:, 0], rcond=None)[0]
+    effective = (g - (low - up) * (rows.design @ side))[rows.of_sample]
+    sums = np.array([part.sum() for part in np.array_split(effective - effective.mean(), 100)])
+    ratio = float(np.mean(sums**2) / (len(effective) / 100) / max(np.var(effective), 1e-300))
+    return ratio if ratio > 1 + 3 * np.sqrt(2 / 100) else 1.0
+
+
+def _limits(
+    rows: _Rows, gamma: float, b: np.ndarray, value: float, spread: float, hessian: np.ndarray
+) -> tuple[float, float, float]:
+    """sigma's 95% interval and one-sided upper limit. By the profile likelihood, whose ratio is
+    divided by the spread; of many rows with much to tell, by the curvature at the maximum."""
+    side = hessian[1:, 0] @ np.linalg.lstsq(hessian[1:, 1:], hessian[1:, 0], rcond=None)[0]
+    curvature = max(float(hessian[0, 0] - side) * gamma**2 / spread, 1e-12)
+    error, sigma = 1 / np.sqrt(curvature), 1 / gamma
+    if error < 0.02:
+        return tuple(float(sigma * np.exp(z * error)) for z in (-1.96, 1.96, 1.645))  # type: ignore[return-value]
+
+    def excess(log_sigma: float) -> float:
+        g = float(np.exp(-log_sigma))
+        return 2 * (value - _maximise(rows, g, b * g / gamma, fixed=True)[0]) / spread
+
+    centre = float(np.log(sigma))
+    most = centre + 3.0
+    high, upper = (
+        scipy.optimize.brentq(lambda x, t=t: excess(x) - t, centre, most, xtol=1e-3)
+        if excess(most) > t
+        else most
+        for t in (3.841, 2.706)
+    )
+    least = float(np.log(_QUIETEST))
+    told = error < _SEEN and centre > least + 0.1 and excess(least) > 3.841
+    low = (
+        scipy.optimize.brentq(lambda x: excess(x) - 3.841, least, centre, xtol=1e-3) if told else 0
+    )
+    return float(np.exp(low)) if told else 0.0, float(np.exp(high)), float(np.exp(upper))

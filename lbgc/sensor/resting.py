@@ -1,0 +1,89 @@
+"""One axis of a resting IMU, fitted as it comes: what its mean does beyond noise is taken out
+first, and what its counts do to the noise is accounted for."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from lbgc.sensor import counts, warmup
+from lbgc.sensor.counts import Counts
+from lbgc.sensor.fitting import Fit, choose, judged
+from lbgc.sensor.ordinates import pooled
+from lbgc.sensor.profile import Estimate
+
+_FAST = ("N", "Q", "bandwidth", "damping")
+_HIDDEN = 0.9  # of a slow change, that counts may take away, above which they tell nothing of it
+
+
+def fitted(
+    series: np.ndarray,
+    dt: float,
+    corners: tuple[float, float],
+    say: Callable[[str], None] = lambda what: None,
+) -> Fit:
+    """series : (R, n), unit, recordings of one axis; dt : s; corners : s, of the bias instability's
+    floor; say : told what is being tried."""
+    say("counts and warm-up")
+    seen = counts.judged(series[0])
+    settled = [warmup.taken_out(one, dt, corners) for one in series]
+    rest = np.stack([rest for rest, _ in settled])
+    plain = pooled(rest, dt)
+    rounding = 0.0 if seen is None else seen.rounding(dt)
+    data = replace(plain, rounding=rounding)
+    fit = choose(data, corners, say)
+    if seen is not None and rounding > 0 and _is_carried(fit, seen.lsb * dt):
+        seen, data = replace(seen, kind="carried"), plain
+        fit = choose(data, corners, say)
+    say("goodness of fit")
+    fit = judged(rest, data, fit)
+    courses = tuple(course for _, own in settled for course in own)
+    ramp = next((c for c in courses if c.kind == "ramp"), None)
+    fit = replace(fit, courses=courses, counts=seen)
+    if ramp is not None:
+        fit = replace(fit, ramp=_slope(ramp.size / ramp.duration, ramp.sigma / ramp.duration))
+    return fit if seen is None else _through_counts(fit, seen, dt)
+
+
+def _is_carried(fit: Fit, angle: float) -> bool:
+    """Whether angle quantisation of a count's size was found: that is how a count looks whose rest
+    is carried over, and then no rounding is to be taken out. angle : of a count, unit s."""
+    quantisation = fit.estimates.get("Q")
+    return quantisation is not None and quantisation.high > 0.9 * angle / np.sqrt(12)
+
+
+def _slope(size: float, sigma: float) -> Estimate:
+    size = abs(size)
+    low = max(size - 1.96 * sigma, 0.0)
+    return Estimate(size, low, size + 1.96 * sigma, size + 1.645 * sigma)
+
+
+def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
+    """The fit with what counts coarser than the noise leave of it: N by their own likelihood, or
+    withheld where the noise is not white, and what is slow with intervals as wide as a slow change
+    may be seen too large or too small."""
+    if seen.kind not in ("coarse", "memory"):
+        return fit
+    estimates = {
+        name: e if name in _FAST or name.startswith(("line_f0", "line_width", "GM_T"))
+        else _blurred(e, seen.blur)
+        for name, e in fit.estimates.items()
+    }  # fmt: skip
+    scale = seen.lsb * np.sqrt(dt)
+    if seen.kind == "memory":
+        estimates["N"] = _withheld(fit.estimates["N"])
+    else:
+        ends = (seen.sigma, seen.low, seen.high, seen.upper)
+        estimates["N"] = Estimate(*(float(end * scale) for end in ends))
+    return replace(fit, estimates=estimates, ramp=_blurred(fit.ramp, seen.blur))
+
+
+def _blurred(e: Estimate, blur: float) -> Estimate:
+    if blur > _HIDDEN:
+        return _withheld(e)
+    return Estimate(e.value, e.low / (1 + blur), e.high / (1 - blur), e.upper / (1 - blur))
+
+
+def _withheld(e: Estimate) -> Estimate:
+    """A figure that the data do not tell: its value is what they look like."""
+    return Estimate(e.value, 0.0, np.inf, np.inf)
