@@ -289,6 +289,29 @@ def test_headings_on_one_side_are_said(cli, tmp_path, rng):
         assert ("headings are on one side: others near 237 deg" in done.out) == says
 
 
+@pytest.mark.parametrize("run", [0.05, 1.0])
+def test_coarsely_printed_means_are_said(cli, tmp_path, rng, run):
+    """To 0.36 deg/h, where they scatter by less and by more."""
+    rates, heading = means(rng, np.zeros(3), np.zeros((3, 3)), run * DPH, 48)
+    names = ("gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
+    table = dict(zip(names, np.round(rates / DEG, 4).T, strict=True))
+    write(tmp_path / "m.csv", {"heading_deg": heading / DEG} | table)
+    done = cli("lbgc.calibrate", "means=m.csv", "latitude=32.76")
+    said = "down rates come in steps of 0.36 deg/h, no finer than they scatter"
+    assert (said in done.out) == (run < 0.1)
+
+
+def test_a_stray_of_another_power_up_may_say_so(rng):
+    heading = np.arange(25) * 2 * np.pi / 25
+    imu = default_config("imu=ideal", "imu.gyro.bias_run_deg_per_h=0.1",
+                         "imu.gyro.bias_session_deg_per_h=20").imu.model(100.0)  # fmt: skip
+    session = np.where(np.arange(25) < 24, 0, 1)
+    drawn = recordings(imu, rng, 0.0, 0.0, heading, session=session)
+    with pytest.raises(InputError, match="or is of another power-up"):
+        calibrated(drawn)
+    assert calibrated(drawn, session).sessions == 2
+
+
 def test_columns_of_force_level_the_means(cli, tmp_path, rng):
     imu = default_config("imu=ideal", "imu.gyro.bias_run_deg_per_h=0.05").imu.model(100.0)
     drawn = recordings(imu, rng, 3.0, 2.0, np.arange(24) * np.pi / 12, latitude_deg=40.0)

@@ -15,7 +15,7 @@ from lbgc.estimators import circle
 from lbgc.estimators.course import Course, Levelled, Site, levelled
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import likeliest
-from lbgc.estimators.optimal import apart, fitted, spread_of, told
+from lbgc.estimators.optimal import apart, fitted, spread_of
 from lbgc.frames import euler_to_matrix, turned, wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -175,5 +175,5 @@ def _of_each(weights: np.ndarray) -> np.ndarray:
 
 def weighted(part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:
     """The most likely heading under the sensor's covariance."""
-    found = told(imu, part, True) if free_bias else fitted(imu, part)
+    found = fitted(imu, part, free_bias)
     return likeliest(found.h, found.J)
