@@ -269,8 +269,8 @@ def test_a_model_refuses_another_unit_sensor_protocol_and_place(unit_bias_run):
 
 def test_a_log_says_by_its_rates_that_it_is_another_units(unit_bias_run):
     """Sessions and runs have no bias here, so that 1 deg/h of the unit's can be told apart: no
-    recording of the unit's own is refused; of other units' logs nearly half are: the rest have much the
-    same bias in the part that a heading does not hide."""
+    recording of the unit's own is refused; of other units' logs nearly half are. The rest have
+    much the same bias, in the part that a heading does not hide."""
     from lbgc.learning.trained import Setting, Trained
 
     data, run = unit_bias_run
