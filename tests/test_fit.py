@@ -3,8 +3,10 @@
 import json
 import re
 
+import cases
 import numpy as np
 import pytest
+import scipy.signal
 import yaml
 from helpers import composed, generate, needs_recording
 from test_logs import write
@@ -169,6 +171,26 @@ def test_processes_change_no_number(rng):
     beside = dict(axes.fitted(three, 1 / RATE, (1.0, 3600.0), 2))
     assert {name for name, _ in said} == set(three)
     assert {n: f.estimates for n, f in alone.items()} == {n: f.estimates for n, f in beside.items()}
+
+
+def test_two_resonances_are_two_lines(rng):
+    """Filtered by others' code (a digital peak), on five minutes: both found as resonances, and
+    white noise within 3%; steep flanks would leave their skirts to it."""
+    t, gyro, _ = cases.static(100, 300, seed=5)
+    y = gyro[:, 0] / np.std(gyro[:, 0]) * 10  # N = 1
+    for hz, width, rms in ((17, 0.5, 100.0), (31, 0.7, 66.0)):
+        b, a = scipy.signal.iirpeak(hz, hz / width, fs=100)
+        x = scipy.signal.lfilter(b, a, rng.standard_normal(len(t)))
+        y = y + rms / 10 * x / x.std()
+    fit = fitting.choose(ordinates(y, 0.01))
+    e = fit.estimates
+    assert set(e) - {"N", "B", "K"} == {
+        name + number for name in ("line_sigma", "line_f0", "line_width") for number in ("", "_2")
+    }
+    assert [shapes.poles(s) for s in fit.shapes if shapes.is_line(s)] == [1, 1]
+    found = sorted((e["line_f0"].value, e["line_f0_2"].value))
+    assert found == pytest.approx([17.0, 31.0], abs=0.15)
+    assert e["N"].value == pytest.approx(1.0, rel=0.03)
 
 
 def test_tones_are_found_and_kept_out_of_the_noise(rng):
