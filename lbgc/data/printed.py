@@ -158,7 +158,7 @@ def counts_finding(every: Sequence[Channel]) -> Finding | None:
         if own[0].carried or len(own[0].values) < _FEWEST:
             continue
         if all(len(c.distinct[0]) == 1 for c in own) and any(c.count > 0 for c in every):
-            parts.append(f"{listed([c.name for c in own])} never change, so in counts")
+            parts.append(f"{listed([c.name for c in own])}, which never change, in counts")
         if count == 0:
             continue
         own = [c for c in own if c.is_coarse or len(c.distinct[0]) == 1]
