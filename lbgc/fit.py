@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from lbgc import calibrate
 from lbgc.data import logs
+from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, require_positive, run_main
@@ -171,6 +172,9 @@ def _read(config: FitConfig) -> Static:
     session = None
     if config.log is not None:
         records = list(logs.read(config.log, north=False))
+        require_one_rate(records)
+        for note in dict.fromkeys(note for record in records for note in record.notes):
+            print(note)
         name = config.log.name
     else:
         assert config.data is not None
