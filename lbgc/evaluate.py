@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -18,7 +19,7 @@ from lbgc.bound import floor
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
-from lbgc.errors import InputError, require, require_choice, require_positive, run_main
+from lbgc.errors import InputError, build, require, require_choice, require_positive, run_main
 from lbgc.estimators import CLASSICAL, coarse, static
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
@@ -30,6 +31,9 @@ from lbgc.sensor.dither import warnings
 from lbgc.sensor.imu import ImuModel
 from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
 from lbgc.verdict import Verdict, reached
+
+if TYPE_CHECKING:
+    from lbgc.learning.trained import Setting, Trained
 
 KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
 """The floor is no estimator that one could have: it is told the sensor's law."""
@@ -45,6 +49,8 @@ class EvaluateConfig:
     """A real log."""
     run: str | None = None
     """A training run's directory, to evaluate its model too."""
+    untrained: bool = False
+    """Whether models answer what they were not trained for, too: the table then names them so."""
     estimators: list[str] = field(default_factory=lambda: ["mean"])
     """Classical ones, and the floor."""
     estimator: str | None = None
@@ -98,23 +104,28 @@ class EvaluateConfig:
 def main(config: EvaluateConfig) -> Path:
     """Evaluate, print the table and write what there is to say; return the report's path."""
     estimators: dict[str, Estimator] = {name: KNOWN[name] for name in config.asked}
-    learned = None
     if config.run is not None:
-        from lbgc.learning.estimator import Learned  # PyTorch, a second that the classical save
+        from lbgc.learning.trained import Trained  # PyTorch, a second that the classical save
 
-        learned = Learned.load(config.run)
+        learned = Trained.load(config.run)
     subject, records, count = _subject_of(config)
-    if learned is not None:
-        estimators[learned.name] = learned
+    models: list[Trained] = []
+    if config.run is not None:
         subject.notes.append(
-            f"{learned.name} was trained on simulated recordings of {learned.sensor}"
+            f"{learned.name} was trained on simulated recordings of {learned.learned.sensor}"
         )
+        models = [learned]
     elif config.log is not None:
-        estimators |= _pretrained(config.imu, subject.notes)
+        models = _pretrained(config.imu, subject.notes)
+    models = [model.asked(_setting(config, subject), config.untrained) for model in models]
+    estimators |= {model.name: model for model in models}
     found, said = _verdict(config, subject)
     with one_thread():
         result, evaluation = _evaluate(config, estimators, subject, records, count, said)
-    result = replace(result, learned=tuple(name for name in estimators if name not in KNOWN))
+    notes = [f"{m.name} answers all the same: {why}" for m in models for why in m.overridden]
+    result = replace(
+        result, learned=tuple(model.name for model in models), notes=[*result.notes, *notes]
+    )
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
     document = document_of(config.run, result, evaluation, found)
@@ -158,7 +169,18 @@ def _bias_sigma(config: EvaluateConfig) -> float | None:
     return None if limit is None else limit / 3**0.5
 
 
-def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]:
+def _setting(config: EvaluateConfig, subject: Subject) -> "Setting":
+    """What a model is asked about, beside its windows."""
+    from lbgc.learning.trained import Setting
+
+    said = subject.configuration
+    if said is None:
+        return Setting(config.imu, records=list(subject.records()))
+    units = int(said["unit_seed"]), int(said["units"])
+    return Setting(build(ImuConfig, said["imu"]), said["protocol"]["name"], units)
+
+
+def _pretrained(imu: ImuConfig | None, notes: list[str]) -> "list[Trained]":
     """Models that came with the package and are of this sensor; a note where none is."""
     from lbgc.learning import pretrained  # PyTorch again
 
@@ -169,7 +191,7 @@ def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]
         whose = "an unknown sensor (say imu=NAME)" if imu is None else imu.name
         notes.append(f"no pretrained model is of {whose}; there are some of {known}")
     notes += [f"{model.name}: meant for {model.meant_for}" for model in own]
-    return {model.name: model for model in own}
+    return own
 
 
 @dataclass(frozen=True)

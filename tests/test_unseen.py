@@ -11,7 +11,7 @@ from helpers import default_config
 from lbgc import verdict
 from lbgc.bound import course_of
 from lbgc.data.record import Record
-from lbgc.data.windows import Windows, cut
+from lbgc.data.windows import Windows, cut, stack
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.estimators import circle
@@ -232,3 +232,60 @@ def test_a_limit_that_the_user_knows_is_believed(cli, tmp_path):
         assert row["sigma_is_at_least"] == (limit == "null")
         sigma[limit] = row["sigma_deg"]
     assert sigma["null"] < 10 < sigma["8"] < 40 < sigma["3000"]
+
+
+def test_a_model_refuses_another_unit_sensor_protocol_and_place(unit_bias_run):
+    """Of one unit whose bias is 1 deg/h an axis; of a log, what its own rates say."""
+    from lbgc.learning.trained import Setting, Trained
+
+    data, run = unit_bias_run
+    model = Trained.load(run)
+    windows = stack(data.records(np.arange(20)), 0.2)
+    units = (data.configuration["unit_seed"], 1)
+    own = Setting(model.sensor, "heading_scan", units)
+    expected = model.learned(windows).heading
+    assert np.array_equal(model.asked(own, False)(windows).heading, expected)
+    static = replace(own, protocol="static")
+    assert np.array_equal(model.asked(static, False)(windows).heading, expected)
+    other = default_config("imu=stim300").imu
+    for setting, says in (
+        (replace(own, sensor=other), "= STIM300: is not its sensor; it is meant for SDC500"),
+        (replace(own, protocol="two_position"), "= two_position: is not its protocol"),
+        (replace(own, units=(77, 1)), "= unit_seed=77: is another sensor than unit_seed=4, whose"),
+    ):
+        with pytest.raises(InputError, match=says):
+            model.asked(setting, False)(windows)
+        forced = model.asked(setting, True)
+        assert np.array_equal(forced(windows).heading, expected)
+        assert forced.name.endswith("(untrained)")
+        assert any(says.split(":")[0][2:] in why for why in forced.overridden)
+    far = replace(windows, latitude=windows.latitude + 0.1)
+    with pytest.raises(InputError, match="deg: is no latitude of its"):
+        model.asked(own, False)(far)
+    turned = windows.plate_angle + np.linspace(0, 1, windows.plate_angle.shape[1])
+    with pytest.raises(InputError, match="a plate: that turns is none of its"):
+        model.asked(own, False)(replace(windows, plate_angle=turned))
+
+
+def test_a_log_says_by_its_rates_that_it_is_another_units(unit_bias_run):
+    """Sessions and runs have no bias here, so that 1 deg/h of the unit's can be told apart: no
+    recording of the unit's own is refused; of other units' logs nearly half are. The rest have
+    much the same bias, in the part that a heading does not hide."""
+    from lbgc.learning.trained import Setting, Trained
+
+    data, run = unit_bias_run
+    model = Trained.load(run)
+    windows = stack(data.records(np.arange(40)), 0.2)
+    records = list(data.records(np.arange(40)))
+    assert not any(model.asked(Setting(None, records=[r]), False).beside for r in records)
+    rng = np.random.default_rng(3)
+    refused = 0
+    for record in records:
+        other = record.gyro + rng.standard_normal(3) * np.sqrt(2) * DEG / HOUR
+        log = replace(record, gyro=other)
+        refused += bool(model.asked(Setting(None, records=[log]), False).beside)
+    assert refused >= 16
+    log = replace(records[0], gyro=records[0].gyro + 5 * DEG / HOUR)
+    asked = model.asked(Setting(None, records=[log]), False)
+    with pytest.raises(InputError, match="sigma from all of the unit's whose bias it learned"):
+        asked(windows)

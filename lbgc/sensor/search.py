@@ -27,6 +27,7 @@ from lbgc.sensor.shapes import (
     core,
     is_line,
     line,
+    poles,
     renumbered,
 )
 
@@ -157,7 +158,7 @@ def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
     while len(best.shapes) < _MOST_TERMS:
         say(f"{len(best.shapes)} terms, one more")
         trials = _best(data, list(_extensions(data, best)))
-        if not trials or trials[0].cost > best.cost:
+        if not trials or trials[0].cost > best.cost - 0.5:
             break
         best = trials[0]
     return best
@@ -173,8 +174,8 @@ def _shaken(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
             continue
         if not best.lines:
             break
-        trials = _best(data, list(_splits(best)))
-        if not trials or trials[0].cost > best.cost:
+        trials = _best(data, [*_splits(best), *_other_flanks(best)])
+        if not trials or trials[0].cost > best.cost - 0.5:
             break
         best = _grown(data, trials[0], say)
     return best
@@ -198,10 +199,11 @@ def _extensions(data: Ordinates, best: Trial) -> Iterator[Option]:
     if not best.has(GAUSS_MARKOV):
         for time in (1.0, 10.0, 100.0):
             yield [*best.shapes, GAUSS_MARKOV], {**known, "GM_T": time}
-    another = line(1 + len(best.lines))
+    another, resonance = (line(1 + len(best.lines), n) for n in (2, 1))
     for peak in peaks(data, best.model):
         guess = {**known, **dict(zip(another.names, peak, strict=True))}
         yield [*best.shapes, another], guess
+        yield [*best.shapes, resonance], guess
         if unfiltered:
             both = {**guess, "bandwidth": 0.3 / data.dt, "damping": 0.7}
             yield [FILTERED_WHITE, *others, another], both
@@ -253,6 +255,14 @@ def _splits(best: Trial) -> Iterator[Option]:
             guess = {**best.values, **dict(zip(shape.names, first, strict=True))}
             guess |= dict(zip(another.names, second, strict=True))
             yield [*best.shapes, another], guess
+
+
+def _other_flanks(best: Trial) -> Iterator[Option]:
+    """The model with a line a resonance, or the other way, each and all of them."""
+    turned = {id(s): line(i + 1, 3 - poles(s)) for i, s in enumerate(best.lines)}
+    yield [turned.get(id(s), s) for s in best.shapes], best.values
+    for shape in best.lines if len(best.lines) > 1 else ():
+        yield [turned[id(s)] if s is shape else s for s in best.shapes], best.values
 
 
 def peaks(data: Ordinates, model: np.ndarray, most: int = 3) -> list[tuple[float, float, float]]:
@@ -312,7 +322,10 @@ def first_guess(data: Ordinates, shape: Shape, name: str, given: dict[str, float
     top = data.f > 0.05 * data.f[-1]
     white = float(np.sqrt(np.sum(data.power[top]) / np.sum(data.count[top])))
     if name == "N":
-        return float(np.sqrt(np.median((data.power / data.count)[data.count > 2])))
+        several = data.count > 2  # of one, the median would be half the mean
+        if not several.any():
+            return white
+        return float(np.sqrt(np.median((data.power / data.count)[several])))
     if name == "Q":
         return white * np.sqrt(data.dt) / 10
     # As much as the lowest twenty coefficients hold, shared.
