@@ -34,6 +34,7 @@ from lbgc.learning.randomise import RandomiseConfig, Randomised
 from lbgc.learning.stream import Streamed
 from lbgc.learning.trainer import SCHEDULES, Plan, Trainer
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.prospects import prospects
 from lbgc.report.figures import loss_curve
 from lbgc.sensor.datasheet import ImuConfig
 
@@ -153,6 +154,10 @@ def main(config: TrainConfig) -> Path:
         mark_latest(run)
         return run
     trainer = trainer_of(config, datasets)
+    if not config.model.sways:
+        said = prospects(datasets[0].configuration, max(trainer.plan.windows_steps))
+        if said is not None:
+            print(said, flush=True)
 
     def on_look(history: Sequence[dict[str, float]]) -> None:
         _write_history(run, history)

@@ -44,6 +44,7 @@ MAY_IMPORT = {
     "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
     "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report", "lbgc.verdict"},
     "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
+    "lbgc.prospects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }
 ENTRY_POINTS = (

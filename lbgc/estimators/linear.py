@@ -16,6 +16,7 @@ from lbgc.estimators.course import Course, Levelled, Site, levelled
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import likeliest
 from lbgc.estimators.optimal import apart, fitted, spread_of
+from lbgc.estimators.sources import timeless
 from lbgc.frames import euler_to_matrix, turned, wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -37,7 +38,8 @@ def answer(
     check(name, windows)
     heading, sigma = np.empty(len(windows)), np.empty(len(windows))
     at_least = False
-    for part in levelled(windows, None if imu is None else imu.dt):
+    when = (None, True) if imu is None else (imu.dt, timeless(imu))
+    for part in levelled(windows, *when):
         if not part.course.blocks:
             raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
         if part.tilt.max() > LEANS:

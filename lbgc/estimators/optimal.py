@@ -78,7 +78,7 @@ class Whitened:
         return total
 
 
-@lru_cache(maxsize=16)  # megabytes each
+@lru_cache(maxsize=32)  # megabytes each
 def whitened(imu: ImuModel, course: Course) -> Whitened:
     factor, B = factors(imu, course), patterns(imu, course)
     n, k = len(B), min(len(B), PATTERNS)
