@@ -206,7 +206,8 @@ def _refined(
 
 def _at_its_sample(step: Course, series: np.ndarray, dt: float) -> Course:
     """The step moved to the sample at which it splits its neighbourhood best."""
-    reach = max(3, round((step.high - step.low) / dt) + 2 * (len(series) // _BLOCKS))
+    reach = max(3, round(max(step.high - step.time, step.time - step.low) / dt))
+    reach += max(1, len(series) // _BLOCKS) // 4
     middle = round(step.time / dt)
     first, last = max(0, middle - reach), min(len(series), middle + reach)
     around = np.asarray(series[first:last], float)
