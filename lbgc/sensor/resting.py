@@ -26,7 +26,7 @@ def fitted(
     floor; say : told what is being tried."""
     say("counts and warm-up")
     seen = counts.judged(series[0])
-    settled = [warmup.taken_out(one, dt, corners) for one in series]
+    settled = [warmup.taken_out(one, dt, corners, len(series)) for one in series]
     rest = np.stack([rest for rest, _ in settled])
     plain = pooled(rest, dt)
     rounding = 0.0 if seen is None else seen.rounding(dt)
