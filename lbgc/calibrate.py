@@ -71,7 +71,7 @@ def main(config: CalibrateConfig) -> Path:
     require_sound(given)
     means = given.means
     found = calibrate(means.rates, means.heading, means.latitude, given.session, given.tilt)
-    print(report(found, given.name, _notes(given)))
+    print(report(found, given.name, [*_notes(given), *_coarse(means.rates, found.run_sigma)]))
     directory = task_directory("calibrate", fingerprint({**asdict(config), "name": given.name}))
     write_atomically(directory / "calibration.json", as_json(asdict(found)) + "\n")
     mark_latest(directory)
@@ -142,14 +142,36 @@ def require_sound(given: Given) -> None:
     odd = odd_one_out(means.rates, means.heading, means.latitude, given.session, given.tilt)
     if odd is not None:
         at, axis, distance, spread = odd
+        other = ""
+        if given.session is None:
+            other = ", or is of another power-up (means=FILE takes a column session)"
         raise InputError(
             means.names[at],
             f"{distance / DEG * HOUR:.4g}",
             "deg/h",
             f"is how far its {AXES[axis]} rate is from what the other recordings make of it, which "
             f"scatter by {spread / DEG * HOUR:.3g} deg/h: it was not at rest, or not at its "
-            "heading; leave it out",
+            f"heading{other}; leave it out",
         )
+
+
+def _coarse(rates: np.ndarray, scatter: np.ndarray) -> list[str]:
+    """Whether rates (R, 3) are printed no finer than they scatter, (3,), rad/s."""
+    notes = []
+    for axis, label in enumerate(AXES):
+        values = np.unique(rates[:, axis])
+        if len(values) == len(rates):
+            continue  # what has no steps never repeats
+        steps = np.diff(values)
+        steps = steps[steps > 1e-9 * np.abs(rates[:, axis]).max()]
+        step = float(steps.min(initial=np.inf))
+        if 0.5 * step > scatter[axis] or not len(steps):
+            size = f"in steps of {step / DEG * HOUR:.3g} deg/h" if len(steps) else "as one value"
+            notes.append(
+                f"{label} rates come {size}, no finer than they scatter: a constant rounding error "
+                "of up to half a step is in no interval"
+            )
+    return notes
 
 
 def _notes(given: Given) -> list[str]:

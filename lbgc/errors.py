@@ -8,7 +8,7 @@ import threading
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from lbgc import configs, sweeps
+from lbgc.outputs import printable
 from lbgc.sweeps import Ended
 from lbgc.units import unit_of
 
@@ -48,7 +49,7 @@ class InputError(ValueError):
         if not isinstance(choices, str):
             choices = "choose from " + ", ".join(map(str, choices))
         shown = f"{self.name} = {self.value}" + (f" {self.unit}" if self.unit else "")
-        return f"{shown}: {choices}" if choices else shown
+        return printable(f"{shown}: {choices}" if choices else shown)
 
     def within(self, prefix: str) -> "InputError":
         """The same error, its parameter named from one level further out."""
@@ -189,7 +190,8 @@ def run_main(
         try:
             values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
             _replace_alternatives(values, run.overrides.task)
-            path = main(build(config_class, values))  # type: ignore[arg-type]
+            with redirect_stdout(_Printable(sys.stdout)):
+                path = main(build(config_class, values))  # type: ignore[arg-type]
         except Exception as error:
             if sweeping:  # a launcher's other process has no other way to say that it failed
                 sweeps.report(Ended(*own, None, str(error) or type(error).__name__))
@@ -220,7 +222,7 @@ def run_main(
                 print(f"error: {error}", file=sys.stderr)
             sys.exit(2)
         except (HydraException, OmegaConfBaseException, RecursionError) as error:
-            print(f"error: {_hydra_says(error)}", file=sys.stderr)
+            print(f"error: {printable(_hydra_says(error))}", file=sys.stderr)
             sys.exit(2)
         except KeyboardInterrupt:
             print("interrupted; run the same command again to go on", file=sys.stderr)
@@ -228,6 +230,19 @@ def run_main(
         except Exception:
             _conclude(directory, summary)
             raise
+
+
+class _Printable:
+    """A stream whose readers get no control characters, whatever files and columns are called."""
+
+    def __init__(self, stream: Any):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return self._stream.write(printable(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> int:

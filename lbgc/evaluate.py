@@ -4,9 +4,12 @@ python lbgc/evaluate.py data=PATH run=RUN
 python lbgc/evaluate.py log=lasergyro
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -16,8 +19,8 @@ from lbgc.bound import floor
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
-from lbgc.errors import InputError, require, require_choice, require_positive, run_main
-from lbgc.estimators import CLASSICAL, coarse
+from lbgc.errors import InputError, build, require, require_choice, require_positive, run_main
+from lbgc.estimators import CLASSICAL, coarse, static
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, outcome_of
@@ -27,6 +30,10 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
 from lbgc.sensor.imu import ImuModel
 from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
+from lbgc.verdict import Verdict, reached
+
+if TYPE_CHECKING:
+    from lbgc.learning.trained import Setting, Trained
 
 KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
 """The floor is no estimator that one could have: it is told the sensor's law."""
@@ -42,6 +49,8 @@ class EvaluateConfig:
     """A real log."""
     run: str | None = None
     """A training run's directory, to evaluate its model too."""
+    untrained: bool = False
+    """Whether models answer what they were not trained for, too: the table then names them so."""
     estimators: list[str] = field(default_factory=lambda: ["mean"])
     """Classical ones, and the floor."""
     estimator: str | None = None
@@ -95,28 +104,34 @@ class EvaluateConfig:
 def main(config: EvaluateConfig) -> Path:
     """Evaluate, print the table and write what there is to say; return the report's path."""
     estimators: dict[str, Estimator] = {name: KNOWN[name] for name in config.asked}
-    learned = None
     if config.run is not None:
-        from lbgc.learning.estimator import Learned  # PyTorch, a second that the classical save
+        from lbgc.learning.trained import Trained  # PyTorch, a second that the classical save
 
-        learned = Learned.load(config.run)
+        learned = Trained.load(config.run)
     subject, records, count = _subject_of(config)
-    if learned is not None:
-        estimators[learned.name] = learned
+    models: list[Trained] = []
+    if config.run is not None:
         subject.notes.append(
-            f"{learned.name} was trained on simulated recordings of {learned.sensor}"
+            f"{learned.name} was trained on simulated recordings of {learned.learned.sensor}"
         )
+        models = [learned]
     elif config.log is not None:
-        estimators |= _pretrained(config.imu, subject.notes)
+        models = _pretrained(config.imu, subject.notes)
+    models = [model.asked(_setting(config, subject), config.untrained) for model in models]
+    estimators |= {model.name: model for model in models}
+    found, said = _verdict(config, subject)
     with one_thread():
-        result, evaluation = _evaluate(config, estimators, subject, records, count)
-    result = replace(result, learned=tuple(name for name in estimators if name not in KNOWN))
+        result, evaluation = _evaluate(config, estimators, subject, records, count, said)
+    notes = [f"{m.name} answers all the same: {why}" for m in models for why in m.overridden]
+    result = replace(
+        result, learned=tuple(model.name for model in models), notes=[*result.notes, *notes]
+    )
     identity = fingerprint({**asdict(config), "subject": subject.identity})
     directory = task_directory("evaluate", identity)
-    document = document_of(config.run, result, evaluation)
+    document = document_of(config.run, result, evaluation, found)
     write_atomically(directory / "results.json", as_json(document))
     write_atomically(directory / "windows.csv", evaluation.as_csv())
-    for line in result.notes:
+    for line in (*result.notes, *result.verdicts):
         print(line)
     print(table(result))
     page = write_page(directory / "report.html", result, config.run)
@@ -131,7 +146,41 @@ def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], in
     return of_dataset(config.data, config.split, config.against, config.known, config.imu)
 
 
-def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]:
+def _verdict(config: EvaluateConfig, subject: Subject) -> tuple[list[Verdict], list[str]]:
+    """Whether this sensor, these recordings and windows can find north. What is stated of the
+    sensor is doubted wherever it is not the law that the recordings were simulated by."""
+    doubted = config.log is not None or config.imu is not None
+    records = list(subject.records() if doubted else islice(subject.records(), 1))
+    return reached(
+        subject.name,
+        subject.sensor,
+        subject.imu,
+        records,
+        config.windows_s,
+        doubted,
+        _bias_sigma(config),
+    )
+
+
+def _bias_sigma(config: EvaluateConfig) -> float | None:
+    """1 sigma of each gyro's bias, rad/s, by the limit that the user gave, as if every bias within
+    it were as probable; None where there is no limit, or the sensor is named."""
+    limit = None if config.log is None or config.imu is not None else config.log.bias_limit
+    return None if limit is None else limit / 3**0.5
+
+
+def _setting(config: EvaluateConfig, subject: Subject) -> "Setting":
+    """What a model is asked about, beside its windows."""
+    from lbgc.learning.trained import Setting
+
+    said = subject.configuration
+    if said is None:
+        return Setting(config.imu, records=list(subject.records()))
+    units = int(said["unit_seed"]), int(said["units"])
+    return Setting(build(ImuConfig, said["imu"]), said["protocol"]["name"], units)
+
+
+def _pretrained(imu: ImuConfig | None, notes: list[str]) -> "list[Trained]":
     """Models that came with the package and are of this sensor; a note where none is."""
     from lbgc.learning import pretrained  # PyTorch again
 
@@ -142,7 +191,7 @@ def _pretrained(imu: ImuConfig | None, notes: list[str]) -> dict[str, Estimator]
         whose = "an unknown sensor (say imu=NAME)" if imu is None else imu.name
         notes.append(f"no pretrained model is of {whose}; there are some of {known}")
     notes += [f"{model.name}: meant for {model.meant_for}" for model in own]
-    return {model.name: model for model in own}
+    return own
 
 
 @dataclass(frozen=True)
@@ -158,6 +207,11 @@ def _contenders(
     config: EvaluateConfig, estimators: Mapping[str, Estimator], imu: ImuModel | None
 ) -> dict[str, _Contender]:
     found = {name: _Contender(estimate, imu) for name, estimate in estimators.items()}
+    bias_sigma = _bias_sigma(config)
+    if bias_sigma is not None:
+        for name in found.keys() & {"mean", "triad"}:
+            own = partial(getattr(static, name), bias_sigma=bias_sigma)
+            found[name] = _Contender(own, imu)
     if config.known:
         assert imu is not None
         name = f"floor, {' and '.join(config.known)} known"
@@ -171,6 +225,7 @@ def _evaluate(
     subject: Subject,
     records: Iterator[Measured],
     count: int,
+    verdicts: Sequence[str],
 ) -> tuple[Result, Evaluation]:
     """Every estimator on every window of every record."""
     evaluation = Evaluation()
@@ -223,7 +278,7 @@ def _evaluate(
     of_sensor = warnings(subject.imu, shortest)
     notes += [note for note in coarse_means.values() if note is not None]
     notes = [*subject.notes, *of_sensor, *notes, *evaluation.why_not()]
-    return outcome_of(subject, evaluation, keys, notes, config.reach_deg), evaluation
+    return outcome_of(subject, evaluation, keys, notes, config.reach_deg, verdicts), evaluation
 
 
 if __name__ == "__main__":

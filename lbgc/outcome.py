@@ -8,6 +8,7 @@ import numpy as np
 from lbgc.answers import Answers, Evaluation
 from lbgc.metrics import Ratio, Reach, rmse_interval, rmse_ratio, times_to_reach
 from lbgc.report.page import Result, Subject
+from lbgc.verdict import Verdict
 
 
 def outcome_of(
@@ -75,13 +76,16 @@ def _ratio(ratio: Ratio | None) -> dict[str, float] | None:
     return None if ratio is None else asdict(ratio)
 
 
-def document_of(run: str | None, result: Result, evaluation: Evaluation) -> dict:
+def document_of(
+    run: str | None, result: Result, evaluation: Evaluation, verdicts: Sequence[Verdict] = ()
+) -> dict:
     """What `results.json` holds."""
     return {
         "subject": result.subject.name,
         "against": result.subject.against,
         "run": run,
-        "verdicts": list(result.verdicts),
+        "verdicts": [{**asdict(verdict), "can": verdict.can} for verdict in verdicts],
+        "verdict": list(result.verdicts),
         "rows": [
             {
                 "estimator": name,

@@ -23,6 +23,14 @@ def as_json(content: Any, indent: int | None = 2, sort_keys: bool = False) -> st
     return json.dumps(_standard(content), indent=indent, sort_keys=sort_keys, allow_nan=False)
 
 
+def printable(text: str) -> str:
+    """Text from outside as a terminal may have it: control characters, which could colour, move or
+    retitle it, are spelled out; tabs and ends of lines stay."""
+    return "".join(
+        c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode() for c in text
+    )
+
+
 def _standard(content: Any) -> Any:
     if isinstance(content, Mapping):
         return {key: _standard(value) for key, value in content.items()}

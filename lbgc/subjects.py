@@ -64,6 +64,7 @@ def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterato
         some[0].latitude,
         identity="",
         imu=model,
+        sensor=None if imu is None else imu.name,
     )
     return subject, (Measured(record) for record in records), len(records)
 
@@ -92,6 +93,7 @@ def of_dataset(
         identity=dataset.identity,
         configuration=configuration,
         imu=(told or own).model(float(configuration["rate_hz"])),
+        sensor=(told or own).name,
         picture=dataset.path.with_suffix(".png"),
     )
     measured: Iterator[Measured] = (Measured(record) for record in dataset.records(indices))

@@ -34,6 +34,7 @@ from lbgc.learning.randomise import RandomiseConfig, Randomised
 from lbgc.learning.stream import Streamed
 from lbgc.learning.trainer import SCHEDULES, Plan, Trainer
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.prospects import prospects
 from lbgc.report.figures import loss_curve
 from lbgc.sensor.datasheet import ImuConfig
 
@@ -69,6 +70,9 @@ class TrainConfig:
     """Looks without a better one after which training ends early; null: never."""
     checkpoint_every: int = 500
     """Steps after which a killed training can go on from where it was."""
+    threads: int | None = None
+    """Of the network's arithmetic; null: one, but for networks so large that more are worth it. No
+    weight depends on it but for rounding."""
     tensorboard: bool = False
     """Metrics for TensorBoard too, in the run's directory."""
     warm_up: int = 0
@@ -87,6 +91,8 @@ class TrainConfig:
             require_positive(name, getattr(self, name))
         if self.patience is not None:
             require_positive("patience", self.patience)
+        if self.threads is not None:
+            require_positive("threads", self.threads)
         require_choice("schedule", self.schedule, SCHEDULES)
         require_not_negative(self, "seed", "warm_up")
         one = len(self.paths) == 1
@@ -113,7 +119,7 @@ class TrainConfig:
     def content(self) -> dict:
         """What decides the trained weights."""
         content = asdict(self)
-        del content["checkpoint_every"], content["tensorboard"]
+        del content["checkpoint_every"], content["tensorboard"], content["threads"]
         return content
 
     def plan(self, longest_s: float, reference_error_deg: float) -> Plan:
@@ -125,7 +131,8 @@ class TrainConfig:
         for window in sorted(set(self.windows_s) - set(usable)):
             print(f"windows of {window:g} s are left out: the recordings last {longest_s:g} s")
         names = ("model", "steps", "batch", "learning_rate", "schedule", "clip",
-                 "validate_every", "patience", "checkpoint_every", "seed", "warm_up")  # fmt: skip
+                 "validate_every", "patience", "checkpoint_every", "seed", "warm_up",
+                 "threads")  # fmt: skip
         lengths = {w: self.window_steps(w) or 1 for w in usable}
         return Plan(
             windows_steps=lengths,
@@ -147,6 +154,10 @@ def main(config: TrainConfig) -> Path:
         mark_latest(run)
         return run
     trainer = trainer_of(config, datasets)
+    if not config.model.sways:
+        said = prospects(datasets[0].configuration, max(trainer.plan.windows_steps))
+        if said is not None:
+            print(said, flush=True)
 
     def on_look(history: Sequence[dict[str, float]]) -> None:
         _write_history(run, history)

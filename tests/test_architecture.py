@@ -1,8 +1,10 @@
 """The house rules that a machine can hold: arrows run one way, libraries keep to their rooms."""
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -28,7 +30,7 @@ MAY_IMPORT = {
     "lbgc.frames": set(),
     "lbgc.configs": set(),
     "lbgc.sweeps": {"lbgc.outputs"},
-    "lbgc.errors": {"lbgc.units", "lbgc.configs", "lbgc.sweeps"},
+    "lbgc.errors": {"lbgc.units", "lbgc.configs", "lbgc.sweeps", "lbgc.outputs"},
     "lbgc.protocol": {"lbgc.errors"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},
@@ -40,8 +42,9 @@ MAY_IMPORT = {
     "lbgc.learning": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics", "lbgc.headings"},
     "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
-    "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report"},
+    "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report", "lbgc.verdict"},
     "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
+    "lbgc.prospects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }
 ENTRY_POINTS = (
@@ -73,7 +76,7 @@ ROOMS = {
     "torch": {"lbgc/learning/model.py", "lbgc/learning/filter.py", "lbgc/learning/loss.py",
               "lbgc/learning/estimator.py",
               "lbgc/learning/trainer.py", "lbgc/learning/ahead.py", "lbgc/learning/checkpoint.py",
-              "lbgc/learning/onnx.py", "lbgc/learning/board.py"},
+              "lbgc/learning/onnx.py", "lbgc/learning/board.py", "lbgc/learning/threads.py"},
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr")}
 FILM_MAKING = {("sim/render.py", "matplotlib")}
@@ -142,6 +145,18 @@ def test_randomness_is_never_global():
             assert name not in text, file
         if "torch.manual_seed" in text:
             assert file.name == "model.py"
+
+
+def test_every_library_is_declared():
+    """What an environment has by way of another library it may lose."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    groups = [declared["dependencies"], *declared["optional-dependencies"].values()]
+    every = {re.split(r"[<>=]", one)[0] for group in groups for one in group}
+    names = {name.lower().replace("-", "_") for name in every}
+    called = {"yaml": "pyyaml", "PIL": "pillow", "hydra": "hydra_core"}
+    used = {i.split(".")[0] for f in FILES for i in imports(f)} - {"lbgc", "sim"}
+    used = {called.get(name, name) for name in used - set(sys.stdlib_module_names)}
+    assert used <= names, used - names
 
 
 def test_json_is_written_in_one_place():

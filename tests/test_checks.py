@@ -100,7 +100,7 @@ def test_a_bias_is_called_one_before_any_unit(tmp_path):
     """Of 25 deg/h and more: none of them makes another unit right."""
     cases.mems_bias(tmp_path)
     for name, size in (("b25", 29.5), ("b500", 616), ("b1800", 2217)):
-        with pytest.raises(InputError, match=r"log.bias_limit_deg_per_h = 14.0") as caught:
+        with pytest.raises(InputError, match=r"log.most_bias_deg_per_h = 14.0") as caught:
             list(read(case(tmp_path / f"{name}.csv")))
         said = str(caught.value)
         least = float(said.split("a bias of at least ")[1].split(",")[0])

@@ -6,7 +6,7 @@ import pytest
 
 from lbgc.data.instants import Hole, instants
 from lbgc.data.logs import LogConfig, read
-from lbgc.data.record import Record
+from lbgc.data.record import Record, mock_record, require_one_rate
 from lbgc.errors import InputError
 
 N = 6000
@@ -209,3 +209,44 @@ def test_holes_are_found_where_they_are(jitter_s, lost):
 def test_stamps_that_take_no_time_are_refused(tmp_path):
     with pytest.raises(InputError, match="take no time"):
         one(log(tmp_path / "log.csv", 0 * T))
+
+
+@pytest.mark.parametrize("rate_hz", [512.0, 1000.3, 2000.0])
+def test_a_rate_that_could_be_another_in_another_unit_is_not_guessed(tmp_path, rate_hz):
+    """In ms, with fractions: as seconds they would be 0.5 to 2 Hz."""
+    path = log(tmp_path / "log.csv", np.arange(N) / rate_hz * 1e3)
+    with pytest.raises(InputError, match=r"makes sense in s .* or ms"):
+        one(path)
+    assert one(path, time_unit="ms").rate_hz == pytest.approx(rate_hz, rel=1e-6)
+    named = log(tmp_path / "named.csv", np.arange(N) / rate_hz * 1e3, "t_ms")
+    assert one(named).rate_hz == pytest.approx(rate_hz, rel=1e-6)
+
+
+@pytest.mark.parametrize("rate_hz", [600.0, 1000.3, 4000.0])
+@pytest.mark.parametrize("defect", ["even", "jitter", "late", "repeated", "bursts", "lost"])
+def test_stamps_coarser_than_a_sample_invent_no_holes(rate_hz, defect):
+    """Rounded to ms; of one sample in a thousand lost, no more are told than were."""
+    rng, k = np.random.default_rng(7), np.arange(40_000)
+    t = k / rate_hz
+    if defect == "jitter":
+        t = t + 0.3 / rate_hz * rng.standard_normal(len(k))
+    elif defect == "late":
+        t = t + rng.exponential(0.3 / rate_hz, len(k))
+    elif defect == "repeated":
+        t[37::37] = t[36:-1:37][: len(t[37::37])]
+    elif defect == "bursts":
+        t = (k // 4 * 4 + k % 4 * 0.1) / rate_hz
+    elif defect == "lost":
+        t = t[rng.random(len(t)) > 1e-3]
+    found = instants(np.floor(t * 1e3 + 1e-6))
+    lost = len(k) - len(t)
+    assert all(0 < hole.missing <= 3 for hole in found.holes)
+    assert sum(hole.missing for hole in found.holes) <= 1.2 * lost
+    assert 1e3 / found.step == pytest.approx(rate_hz, rel=3e-4 + 1.2 * lost / len(k))
+
+
+def test_noise_is_not_pooled_over_recordings_of_two_rates():
+    first, second = mock_record(), mock_record(name="other", rate_hz=10.2)
+    require_one_rate([first, mock_record(rate_hz=10.05)])
+    with pytest.raises(InputError, match=r"other: its rate = 10.2 Hz: but mock has 10 Hz"):
+        require_one_rate([first, second])

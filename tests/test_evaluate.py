@@ -85,7 +85,13 @@ def test_a_dataset_and_a_run_become_a_table_json_and_a_page(cli, tmp_path, unit_
 
 
 def test_a_model_of_other_units_is_called_that(cli, tmp_path, unit_bias_run, dataset):
-    done = cli("lbgc.evaluate", f"data={dataset.path}", f"run={unit_bias_run[1]}")
+    options = f"data={dataset.path}", f"run={unit_bias_run[1]}"
+    refused = cli("lbgc.evaluate", *options)
+    assert "bilstm_24 is left out" in refused.out
+    assert "is not its sensor, although of the same name: figures differ" in refused.out
+    done = cli("lbgc.evaluate", *options, "untrained=true")
+    assert "bilstm_24 (untrained) answers all the same" in done.out
+    assert "bilstm_24 (untrained)  " in done.out
     assert "trained on <b>other units</b>" in (tmp_path / done.last_line).read_text()
     assert "windows of 240 s are left out: the longest recording has 60 s" in done.out
 
@@ -109,6 +115,7 @@ def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
         "data": (f"data={other.path}",),
         "log": (*CSV, "log.heading_deg=40"),
         "run": (base, f"run={unit_bias_run[1]}"),
+        "untrained": (base, f"run={unit_bias_run[1]}", "untrained=true"),
         "estimators": (base, "estimators=[gls]"),
         "estimator": (base, "estimator=triad"),
         "imu": (base, "imu=stim300"),
@@ -333,13 +340,14 @@ def test_a_log_is_weighed_once_its_sensor_is_known(cli, tmp_path):
 def test_a_model_is_not_given_a_rate_it_cannot_use(cli, tmp_path, unit_bias_run):
     size = {"recordings": 10, "output": "means", "duration_s": 60.0, "split": [0, 0, 1]}
     generate(tmp_path / "d.zarr", **size, mean_s=2.0)
-    alone = cli("lbgc.evaluate", "data=d.zarr", f"run={unit_bias_run[1]}", "estimators=[]")
+    model = f"run={unit_bias_run[1]}", "untrained=true"
+    alone = cli("lbgc.evaluate", "data=d.zarr", *model, "estimators=[]")
     assert alone.code == 2
     assert "the data's rate = 0.5 Hz: must be a whole multiple of 0.2 Hz" in alone.err
-    with_others = cli("lbgc.evaluate", "data=d.zarr", f"run={unit_bias_run[1]}")
+    with_others = cli("lbgc.evaluate", "data=d.zarr", *model)
     said = results(with_others, tmp_path)
     assert {row["estimator"] for row in said["rows"]} == {"mean"}
-    assert {out["estimator"] for out in said["left_out"]} == {"bilstm_24"}
+    assert {out["estimator"] for out in said["left_out"]} == {"bilstm_24 (untrained)"}
     assert "left out at 10, 20, 30, 60 s: the data's rate = 0.5 Hz" in with_others.out
 
 

@@ -1,11 +1,14 @@
 """The fit finds what is there, no more, and says where its model does not explain the log."""
 
 import numpy as np
+import pytest
 import scipy.stats
 from test_fit import RATE, series
 
+from lbgc.data.static import Static, require_steady
+from lbgc.errors import InputError
 from lbgc.sensor import fitting, shapes
-from lbgc.sensor.noise import BandLimited, Flicker, Line, White
+from lbgc.sensor.noise import AngleQuantisation, BandLimited, Flicker, Line, White
 from lbgc.sensor.ordinates import ordinates, pooled
 from lbgc.sensor.tones import sift
 
@@ -88,3 +91,23 @@ def test_a_tone_is_told_from_a_narrow_line(rng):
     assert [round(t.f * 1200) for t in sifted.tones] == [20_257]
     assert len(sifted.narrow)
     assert np.all(np.abs(sifted.narrow - 40_277) < 30)
+
+
+def test_a_quantisation_too_weak_to_be_named_is_allowed_for(rng):
+    """Sixteen per cent of the power at the highest frequency: in some logs the term is found, in
+    others it is not; N's interval holds in both."""
+    held = 0
+    for y in series((White(1.0), AngleQuantisation(0.02)), rng, 60, 20):
+        n = fitting.choose(ordinates(y, 1 / RATE)).estimates["N"]
+        held += n.low < 1.0 < n.high
+    assert held >= 20 - most(20, 0.05)
+
+
+def test_few_differences_are_no_unsteadiness(rng):
+    """A narrow line's power wanders by itself: 60 s of it are some ten independent numbers."""
+    for y in series((Line(5.0, 20.0, 0.1), White(0.01)), rng, 60, 20):
+        log = np.stack([y] * 3, axis=-1)[None]
+        require_steady(Static("log", log, log, 1 / RATE, 0.5, None, None))
+    loud = np.concatenate([log[:, :3000], 4 * rng.standard_normal((1, 3000, 3)) + log[:, 3000:]], 1)
+    with pytest.raises(InputError, match="times as much gyro noise"):
+        require_steady(Static("log", loud, log, 1 / RATE, 0.5, None, None))

@@ -136,6 +136,11 @@ def test_lines_are_as_many_as_are_given():
         GyroLine([0.0, 1.0, 0.0], 3.0, 0.0)
     with pytest.raises(InputError, match="must be one number or three"):
         AccelLine([1.0], 3.0, 1.0)
+    resonant = GyroConfig(lines=(GyroLine(20.0, 7.0, 0.5, [1, 2, 2]),)).triad().terms
+    assert resonant[0] == (noise.Line(20.0 * DEG / HOUR, 7.0, 0.5, 1),)
+    assert resonant[1] == terms[0]
+    with pytest.raises(InputError, match="poles = 3: must be 1"):
+        GyroLine(1.0, 3.0, 1.0, 3)
 
 
 def test_units_are_the_datasheets():

@@ -13,6 +13,7 @@ from lbgc.data.windows import Windows, at_rate
 from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.course import Course, Site, block_size, levelled
 from lbgc.estimators.optimal import fitted, information, told
+from lbgc.estimators.sources import timeless
 from lbgc.frames import wrap
 from lbgc.protocol import plan
 from lbgc.sensor.imu import ImuModel
@@ -218,3 +219,19 @@ def test_a_slew_within_one_block_of_many_samples_is_told():
     course = Course.planned(angle, 15.0, size=150)
     assert course.slewing.sum() == 3
     assert sum(course.lengths) == 240
+
+
+def test_when_a_window_starts_matters_where_errors_grow():
+    """A log's windows are one set where the sensor's law is the same all the time; a random walk
+    and a warm-up tell them apart."""
+    case = replace(CASES["sdc500_static_60s"], duration_s=10.0, interval_s=1.0)
+    for imu, same in (
+        (CASES["stim300_carousel_0deg"].model(), True),
+        (case.model(), False),
+        (CASES["sdc500_two_position_warming_up"].model(), False),
+    ):
+        assert timeless(imu) == same
+        windows = floor_cases.draw(case, imu, 4, seed=10)
+        later = replace(windows, start_s=np.array([0.0, 600.0, 1200.0, 6000.0]))
+        alone, own = floor(windows, imu), floor(later, imu)
+        assert (np.abs(own.sigma / alone.sigma - 1).max() < 1e-9) == same

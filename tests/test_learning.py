@@ -375,6 +375,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "schedule": "schedule=cosine",
         "warm_up": None,  # of models that state a sigma: tests/test_swaying.py
         "patience": None,  # when training ends: see its own test
+        "threads": None,  # how fast, and not what; see test_residual
         "tensorboard": None,  # who is told, not what is learned
         "checkpoint_every": None,  # what may be lost, not what is learned
         "seed": "seed=2",

@@ -23,6 +23,7 @@ TERMS = {
     "random walk": (RandomWalk(0.2),),
     "Gauss-Markov": (GaussMarkov(0.8, 2.0),),
     "line": (Line(1.5, 2.2, 0.3),),
+    "resonance": (Line(1.5, 2.2, 0.3, 1),),
     "band-limited white": (BandLimited(0.4, 3.0),),
     "angle quantisation": (AngleQuantisation(0.02),),
     "a sum": (White(0.5), Flicker(0.7, 1.0, 200.0), RandomWalk(0.05)),
@@ -81,6 +82,7 @@ def test_allan_variance_follows_from_the_covariance(terms):
         Flicker(0.7, 1.0, 200.0),
         GaussMarkov(0.8, 2.0),
         Line(1.5, 2.2, 0.3),
+        Line(1.5, 2.2, 0.3, 1),
         BandLimited(0.4, 3.0),
     ],
     ids=lambda term: type(term).__name__,
@@ -265,3 +267,11 @@ def test_each_term_alone_is_the_modules_sum_of_one(rng):
     np.testing.assert_array_equal(
         term.covariance_of_means(4, 0.1), gaussian.covariance_of_means((term,), 4, 0.1)
     )
+
+
+def test_a_lines_power_is_the_integral_of_its_density():
+    for line in (Line(0.8, 3.0, 1.2), Line(0.8, 3.0, 1.2, 1)):
+        f = np.linspace(0, 40, 400_001)
+        below = np.concatenate([[0], np.cumsum((line.psd(f)[1:] + line.psd(f)[:-1]) / 2) * 1e-4])
+        np.testing.assert_allclose(line.power_below(f), below, atol=1e-6)
+    assert line.power_below(np.array(1e9)) == pytest.approx(0.8**2 / 2)

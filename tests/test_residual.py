@@ -16,7 +16,7 @@ from lbgc.data.windows import Windows, stack
 from lbgc.errors import InputError
 from lbgc.estimators.static import mean
 from lbgc.frames import wrap
-from lbgc.learning import checkpoint, trainer
+from lbgc.learning import checkpoint, threads, trainer
 from lbgc.learning.ahead import Batches, ahead
 from lbgc.learning.estimator import Learned
 from lbgc.learning.loss import von_mises_nll
@@ -240,6 +240,28 @@ class Numbers:
         return rng.standard_normal((count, steps, 2)).astype(np.float32), rng.uniform(size=count)
 
 
+def test_small_networks_take_one_thread_and_large_ones_more(monkeypatch):
+    """The published networks' matrices are too small for two: they would wait for each other."""
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 8)
+    for config in (ModelConfig(hidden=8), ModelConfig(hidden=24), ModelConfig(cell="pool")):
+        assert threads.wanted(config, batch=100) == 1
+    assert threads.wanted(ModelConfig(hidden=1024), batch=100) == 8
+    assert 1 < threads.wanted(ModelConfig(hidden=128), batch=100) < 8
+
+
+def test_the_option_overrides_how_many_threads(monkeypatch):
+    told = []
+    monkeypatch.setattr(torch, "set_num_threads", told.append)
+    before = torch.get_num_threads()
+    with threads.limited(3):
+        pass
+    assert told == [3, before]
+    config = TrainConfig(data="x", threads=3)
+    assert config.plan(240.0, 0.0).threads == 3
+    assert config.content() == TrainConfig(data="x").content()
+
+
 @pytest.mark.parametrize(
     ("long_steps", "processes", "daemon"),
     [(True, 2, False), (False, 2, False), (False, 0, True)],
@@ -250,7 +272,7 @@ def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, 
     process = multiprocessing.current_process()
     monkeypatch.setattr(type(process), "daemon", daemon)
     batches = Batches(Numbers(), seed=1, batch=3, windows_steps={10.0: 2, 20.0: 4})
-    threads, seeds = torch.get_num_threads(), torch.random.get_rng_state()
+    count, seeds = torch.get_num_threads(), torch.random.get_rng_state()
     with ahead(batches, range(5, 12), long_steps) as drawn:
         first = [next(drawn) for _ in range(3)]
         assert len(multiprocessing.active_children()) == (0 if long_steps else processes)
@@ -261,5 +283,5 @@ def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, 
             np.testing.assert_array_equal(found, own)
     assert len(first + rest) == 7
     assert multiprocessing.active_children() == []
-    assert torch.get_num_threads() == threads
+    assert torch.get_num_threads() == count
     assert torch.equal(torch.random.get_rng_state(), seeds)

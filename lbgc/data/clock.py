@@ -20,8 +20,9 @@ TIME_UNITS: dict[str, float] = {
 _TRIED = ("s", "ms", "us", "ns", "min", "h", "d")
 """What a column that does not say its unit may be in."""
 _SLOWEST_HZ, _FASTEST_HZ = 0.5, 20_000.0
-_USUAL_HZ = 2000.0
-"""The fastest at which a column is in seconds without saying so: faster, it may be minutes."""
+_USUAL_HZ = (4.9, 2100.0)
+"""Rates at which a column is in seconds without saying so: slower, it may be in milliseconds, and
+faster in minutes."""
 _LONGEST_S = 31 * 86400.0
 _EPOCHS_S = (946_684_800.0, 4_102_444_800.0)
 """Unix time in the years 2000 to 2100."""
@@ -41,8 +42,6 @@ class Said:
     """What the column's own name says."""
     rate_hz: float | None = None
     """What the user or the file's comments say."""
-    whole: bool = False
-    """Whether all stamps are whole numbers."""
     first: float = 0.0
     """The first stamp."""
 
@@ -85,7 +84,7 @@ def unit_of_time(name: str, step: float, duration: float, said: Said) -> tuple[s
         fits = agree
     elif len(dated) == 1 and dated[0] in ("s", "ms", "us", "ns"):
         fits = dated
-    elif "s" in fits and 1 / step <= _USUAL_HZ and not (said.whole and step >= 0.75):
+    elif "s" in fits and _USUAL_HZ[0] <= 1 / step <= _USUAL_HZ[1]:
         fits = ["s"]
     if len(fits) == 1:
         unit = fits[0]

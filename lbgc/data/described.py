@@ -7,6 +7,9 @@ from dataclasses import dataclass
 _BRACKETS = re.compile(r"^(.*?)[\s_]*[(\[{<]([^)\]}>]*)[)\]}>]\s*$")
 _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+|[^\W\d_]+")
 
+_LONGEST = 200
+"""Characters of a name that says something."""
+
 _UNITS = {
     "rad/s": "rad/s", "rads": "rad/s", "rad/sec": "rad/s", "rps": "rad/s", "radps": "rad/s",
     "deg/s": "deg/s", "degs": "deg/s", "deg/sec": "deg/s", "dps": "deg/s", "degps": "deg/s",
@@ -81,7 +84,9 @@ def unit(text: str) -> str | None:
 
 def described(name: str, units_row: str = "") -> Described:
     """What a column's name says, and the word beneath it in a row of units, if there is one."""
-    base, said = name, unit(units_row) if units_row else None
+    if len(name) > _LONGEST:
+        return Described(None, None, None)
+    base, said = name, unit(units_row[:_LONGEST]) if units_row else None
     found = _BRACKETS.match(name)
     if found and said is None:
         base, said = found[1], unit(found[2])

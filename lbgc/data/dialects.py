@@ -4,6 +4,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from lbgc.data.described import unit
 from lbgc.errors import InputError
@@ -15,7 +16,7 @@ MOST_BEFORE = 20_000
 _FOLLOWING = 10
 _ABOVE = 6
 """Lines above the data among which the header is looked for."""
-_LONGEST_LINE = 100_000
+_LONGEST_LINE, _LONGEST_HEADER = 100_000, 10_000
 _BLANKS = " "
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
@@ -89,17 +90,18 @@ def is_comment(line: str, separator: str) -> bool:
     return any(start.startswith(mark) for mark in MARKS if mark != separator)
 
 
-def _pattern(line: str, separator: str, decimal: str) -> list[bool | None]:
+@lru_cache(maxsize=2048)
+def _pattern(line: str, separator: str, decimal: str) -> tuple[bool | None, ...]:
     """Which fields are numbers; None: it is empty and could be either."""
     if len(line) > _LONGEST_LINE:
-        return []
-    return [
+        return ()
+    return tuple(
         None if not field else is_number(field, decimal) or field.lower() in _NO_NUMBER
         for field in fields(line, separator)
-    ]
+    )
 
 
-def _alike(one: list[bool | None], other: list[bool | None]) -> bool:
+def _alike(one: Sequence[bool | None], other: Sequence[bool | None]) -> bool:
     pairs = zip(one, other, strict=False)
     return len(one) == len(other) and all(a is None or b is None or a == b for a, b in pairs)
 
@@ -163,7 +165,9 @@ def _with_header(lines: Sequence[str], first: int, separator: str, decimal: str)
 
 def _header(line: str, separator: str, width: int, trailing: bool) -> tuple[str, ...] | None:
     """A header's names, as many as rows have fields; None where this line is none."""
-    text = line.strip("\r\n")
+    if len(line) > _LONGEST_HEADER:
+        return None
+    text = line
     marked = next((mark for mark in MARKS if text.lstrip().startswith(mark)), None)
     if marked is not None and marked != separator:
         text = text.lstrip().lstrip("".join(MARKS)).strip()

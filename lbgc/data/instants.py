@@ -9,6 +9,8 @@ _WIDE = 64
 """Samples over which a step is averaged, so that rounding and bursts average out."""
 _NEAR = 0.3
 """Of a step: how far from whole numbers of steps stamps of an exact clock may be."""
+_BACK = 2.5
+"""Samples by which time must go back for it to be more than a late stamp before it."""
 _VALUES_AT_ONCE = 1_000_000
 
 
@@ -80,13 +82,11 @@ def _holes_of_an_exact_clock(stamps: np.ndarray, ratio: np.ndarray) -> tuple[Hol
     exact = (np.abs(ratio - whole) < _NEAR) & (whole >= 1)
     if np.mean(exact) < 0.99:
         return None
-    # Rounded stamps of an even clock that is a little slower than they show: no sample is lost.
+    # Rounded stamps of an even clock a little slower than they show: they skip one regularly.
     rows = np.flatnonzero(whole > 1)
-    if len(rows) > 2 and exact.all():
-        k = np.arange(len(stamps))
-        late = stamps - np.polynomial.Polynomial.fit(k, stamps, 1)(k)
-        if np.ptp(late) < 1.5 * (stamps[-1] - stamps[0]) / len(k):
-            return ()
+    apart = np.diff(rows)
+    if len(apart) > 2 and whole.max() == 2 and np.ptp(apart) <= max(2.0, 0.05 * apart.mean()):
+        return ()
     # Where a step is no whole number, it is a late stamp or a hole: the next stamps tell.
     odd = np.flatnonzero(~exact)
     if len(odd):
@@ -106,17 +106,24 @@ def _holes_of_a_rough_clock(
     at_once = max(1, _VALUES_AT_ONCE // size)
     for first in range(0, len(rows), at_once):
         some = rows[first : first + at_once]
-        before = _medians(late, some - size + 1, size)
+        before, one = _level(late, some - size + 1, size)
         start = caught_up[np.minimum(some + 1, len(steps) - 1)]
-        missing = np.round((_medians(late, start, size) - before) / step).astype(int)
+        after, other = _level(late, start, size)
+        shift = (after - before) / step
+        certain = np.abs(shift) > 0.5 + 0.5 * np.maximum(one, other) / step
+        certain &= (shift > 0) | (shift < -_BACK)
+        missing = np.where(certain, np.round(shift), 0).astype(int)
         found += [Hole(int(r), int(m)) for r, m in zip(some, missing, strict=True) if m]
     return _once(found, size)
 
 
-def _medians(late: np.ndarray, first: np.ndarray, size: int) -> np.ndarray:
-    """Of so many values, beginning at each of the rows."""
+def _level(late: np.ndarray, first: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of the middle half of so many values, beginning at each of the rows, and the half's
+    width: single stamps do not matter to it, and rounded ones average out."""
     start = np.clip(first, 0, len(late) - size)
-    return np.asarray(np.median(late[start[:, None] + np.arange(size)], axis=1))
+    ordered = np.sort(late[start[:, None] + np.arange(size)], axis=1)
+    middle = ordered[:, size // 4 : max(size // 4 + 1, size - size // 4)]
+    return middle.mean(axis=1), middle[:, -1] - middle[:, 0]
 
 
 def _end_of_run(compressed: np.ndarray) -> np.ndarray:
@@ -126,7 +133,7 @@ def _end_of_run(compressed: np.ndarray) -> np.ndarray:
 
 
 def _once(found: list[Hole], size: int) -> tuple[Hole, ...]:
-    """Long steps close by one another see the same hole in their medians: the largest keeps it."""
+    """Long steps close by one another see the same hole: the largest keeps it."""
     kept: list[Hole] = []
     for hole in found:
         if kept and hole.row - kept[-1].row <= size:

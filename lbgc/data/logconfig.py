@@ -9,7 +9,7 @@ from lbgc.data.axes import is_right_handed, require_axes
 from lbgc.data.clock import TIME_UNITS
 from lbgc.data.findings import CHECKS
 from lbgc.errors import require, require_choice, require_positive
-from lbgc.units import ANGLE_UNITS, FORCE_UNITS, RATE_UNITS, VELOCITY_UNITS
+from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
 GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
 ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
@@ -70,9 +70,13 @@ class LogConfig:
     """degrees; null: from the header"""
     heading_deg: float | None = None
     """Reference heading of the forward axis; null: from the header or the file's name, if there."""
-    bias_limit_deg_per_h: float = 14.0
-    """Largest gyro bias this sensor can have: a mean rate further from Earth's is refused. Below
-    15 a unit that makes the rates too small is seen as well."""
+    bias_limit_deg_per_h: float | None = None
+    """Largest gyro bias that you know this sensor to have: a mean rate further from Earth's is
+    refused, and estimators that are told of no sensor take every bias within it as equally
+    probable. null: nothing is known of it."""
+    most_bias_deg_per_h: float = 14.0
+    """Where that is null: bias above which a mean rate is refused, for a wrong unit would make one.
+    Below 15 a unit that makes the rates too small is seen as well."""
     accept: list[str] = field(default_factory=list)
     """Checks, by the names that their messages give, whose refusals become notes."""
 
@@ -97,8 +101,10 @@ class LogConfig:
             require_axes("accel_axes", self.accel_axes)
         for name in self.accept:
             require_choice("accept", name, CHECKS)
-        for name in ("gyro_scale", "accel_scale", "bias_limit_deg_per_h"):
+        for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h"):
             require_positive(name, getattr(self, name))
+        if self.bias_limit_deg_per_h is not None:
+            require_positive("bias_limit_deg_per_h", self.bias_limit_deg_per_h)
         if self.rate_hz is not None:
             good = 0 < self.rate_hz < np.inf
             require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
@@ -107,6 +113,19 @@ class LogConfig:
             require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
         if self.latitude is not None:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+
+    @property
+    def bias_limit(self) -> float | None:
+        """rad/s, the limit that the user knows."""
+        limit = self.bias_limit_deg_per_h
+        return None if limit is None else limit * DEG / HOUR
+
+    @property
+    def refuses_above(self) -> tuple[str, float]:
+        """The key and the bias, deg/h, above which a mean rate is refused."""
+        if self.bias_limit_deg_per_h is not None:
+            return "log.bias_limit_deg_per_h", self.bias_limit_deg_per_h
+        return "log.most_bias_deg_per_h", self.most_bias_deg_per_h
 
 
 def _require_columns(columns: list[Any] | None, time: Any) -> None:

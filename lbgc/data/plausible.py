@@ -63,7 +63,7 @@ def resting(record: Record, config: LogConfig, imu: ImuModel | None) -> Resting:
     """A recording's means, what their noise is and what is stated of the sensor's errors."""
     noise = mean_noise(record.gyro)
     stated = None if imu is None else stated_errors(imu.gyro, record.duration_s)
-    limit = config.bias_limit_deg_per_h / PER_HOUR
+    limit = config.refuses_above[1] / PER_HOUR
     if stated is not None:
         limit = max(limit, float(np.sqrt(FIVE_SIGMA) * stated.max()))
     return Resting(
@@ -211,8 +211,7 @@ def rate_finding(rest: Resting, config: LogConfig, rate_hz: float, north: bool) 
         says += f"; in {' or '.join(named)} Earth's rate would be there, along the vertical, too"
     elif bias * PER_HOUR > 1e5:
         says += "; no unit makes sense of it: is it at rest, and its scale right?"
-    value = config.bias_limit_deg_per_h
-    return Finding("bias", "log.bias_limit_deg_per_h", value, "deg/h", says)
+    return Finding("bias", *config.refuses_above, "deg/h", says)
 
 
 def _odds_of_units(rest: Resting, stated: str, rate_hz: float) -> dict[str, float]:

@@ -118,7 +118,6 @@ def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         "auto" if times[0].dtype.kind in "mMO" else config.time_unit,
         "ns" if exact else which.time_unit,
         config.rate_hz or own.rate_hz,
-        bool(np.all(np.mod(stamps[:1000], 1) == 0)),
         float(stamps[0]),
     )
     return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)

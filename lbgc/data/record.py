@@ -1,5 +1,6 @@
 """A recording: what simulated data and real logs both become."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,6 +53,7 @@ def whole_multiple(rate_hz: float, target_hz: float) -> int | None:
 
 _UNEVEN = 0.02
 """How much longer or shorter than asked for a block or a window may be, of its length."""
+_SAME = 0.01
 _FEWEST = 20
 """Samples a block, for blocks that differ by one to pass as alike."""
 
@@ -121,6 +123,15 @@ def true_rate(edges: np.ndarray, rate_hz: float, target_hz: float) -> float:
     if len(edges) < 2 or whole_multiple(rate_hz, target_hz) is not None:
         return target_hz
     return rate_hz * (len(edges) - 1) / float(edges[-1])
+
+
+def require_one_rate(records: Sequence[Record]) -> None:
+    """Raise InputError where recordings whose noise is to be pooled differ in rate by 1%."""
+    first = records[0]
+    for record in records:
+        if abs(record.rate_hz / first.rate_hz - 1) > _SAME:
+            about = f"but {first.name} has {first.rate_hz:.6g} Hz: noise is fitted to one rate"
+            raise InputError(f"{record.name}: its rate", f"{record.rate_hz:.6g}", "Hz", about)
 
 
 def mock_record(**changes: object) -> Record:

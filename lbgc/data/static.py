@@ -6,11 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.errors import InputError
+from lbgc.sensor.goodness import bartlett
 
 AXES = ("forward", "right", "down")
 PARTS = ("gyro", "accel")
 _EIGHTHS = 8
-_STEADY = 3.0
+_MATTERS = 3.0
+_CHANCE = 5.7e-7 / 18
+"""Five sigma, shared by three axes of two sensors at three time scales."""
 
 
 @dataclass(frozen=True)
@@ -30,31 +33,44 @@ class Static:
 
 def require_steady(static: Static) -> None:
     """Raise InputError where the recording is not one steady state: a resting IMU's differences
-    between neighbours (samples, means over 0.1 s, over 1 s) have one power throughout. Over 50
-    differences each, the powers of eight steady stretches are within a factor of three."""
-    for part in ("gyro", "accel"):
+    between neighbours (samples, means over 0.1 s, over 1 s) have one power throughout. Refused is
+    where the powers of eight stretches differ by a factor of three, and by more than five sigma of
+    what so many differences can."""
+    for part in PARTS:
         still = np.ptp(getattr(static, part), axis=1).min(axis=0)
         if not still.all():
-            axis = AXES[int(np.argmin(still))]
+            dead = AXES[int(np.argmin(still))]
             raise InputError(
                 static.name,
-                f"{part} {axis}",
+                f"{part} {dead}",
                 "",
                 "never changes: a dead channel has no noise to fit",
             )
-    for part, seconds in ((p, s) for p in ("gyro", "accel") for s in (static.dt, 0.1, 1.0)):
+    for part, seconds in ((p, s) for p in PARTS for s in (static.dt, 0.1, 1.0)):
         block = max(1, round(seconds / static.dt))
         series = getattr(static, part)
         count = series.shape[1] // block
-        if count < _EIGHTHS * 50:
+        if count < _EIGHTHS * 10:
             continue
         means = series[:, : count * block].reshape(len(series), count, block, 3).mean(axis=2)
-        eighths = np.array_split(np.diff(means, axis=1), _EIGHTHS, axis=1)
-        power = np.array([np.mean(e**2, axis=(0, 1)) for e in eighths])
-        ratio = float(np.max(power.max(axis=0) / np.maximum(power.min(axis=0), 1e-300)))
-        if ratio > _STEADY:
-            raise InputError(
-                static.name, f"{ratio:.3g}", "", f"times as much {part} noise in one eighth of the "
-                "log as in another: something moved, or shook it; noise is fitted to a resting "
-                "IMU, so cut the log to a quiet stretch"
-            )  # fmt: skip
+        for axis in range(3):
+            ratio, p = _unsteadiness(np.diff(means[:, :, axis], axis=1))
+            if ratio > _MATTERS and p < _CHANCE:
+                raise InputError(
+                    static.name, f"{ratio:.3g}", "", f"times as much {part} noise in one eighth of "
+                    f"the log as in another, on the {AXES[axis]} axis: something moved, or shook "
+                    "it; noise is fitted to a resting IMU, so cut the log to a quiet stretch"
+                )  # fmt: skip
+
+
+def _unsteadiness(differences: np.ndarray) -> tuple[float, float]:
+    """The largest power of an eighth over the least, and the chance of as much. differences :
+    (R, n), unit. They are as good as so many independent ones: (sum of S)^2/(sum of S^2) over
+    frequencies, S their spectrum; a raw periodogram's squares are twice as large as S's."""
+    eighths = np.array_split(differences, _EIGHTHS, axis=1)
+    power = np.array([np.mean(e**2) for e in eighths])
+    periodogram = np.sum(np.abs(np.fft.rfft(differences, axis=1)) ** 2, axis=0)
+    spread = 1 + 1 / len(differences)  # of the mean over recordings
+    freedom = 2 * spread * np.sum(periodogram) ** 2 / np.sum(periodogram**2) * len(differences)
+    ratio = float(power.max() / max(power.min(), 1e-300))
+    return ratio, bartlett(np.maximum(power, 1e-300), freedom / _EIGHTHS)

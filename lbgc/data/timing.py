@@ -14,6 +14,8 @@ from lbgc.errors import InputError, require
 _SHORT = 10
 """Samples that may be missing at a place, and the share of all, for a log to be read on."""
 _FEW = 0.01
+_SHARE = 0.1
+"""Of the longest piece, that a piece must last to be a recording of its own."""
 _AGREE = 0.01
 _SCATTER = 0.1
 """Of a step: stamps that scatter by more are told of."""
@@ -137,11 +139,12 @@ def _pieces(
             f"rows {longest.start} to {longest.stop - 1}"
         )
         return (longest,), notes
-    kept = [piece for piece in every if piece.stop - piece.start >= rate]
+    most = max(piece.stop - piece.start for piece in every)
+    kept = [piece for piece in every if piece.stop - piece.start >= max(rate, _SHARE * most)]
     left_out = len(edges) - 1 - len(kept)
     notes.append(
         f"gaps: {name} was read in {len(kept)} pieces (log.gaps=split); {left_out} of less than a "
-        "second were left out"
+        "second or a tenth of the longest were left out"
     )
     require(bool(kept), "log.gaps", gaps, f"leaves no piece of {name} that lasts a second")
     return tuple(kept), notes

@@ -21,6 +21,8 @@ from lbgc.units import DEG
 
 _EVIDENCE = 25.0
 """Chi-square by which another frame must be better, 5 sigma: twice a log likelihood ratio."""
+_THREE_SIGMA = 14.2
+"""Chi-square of three degrees of freedom that is exceeded as seldom as 3 sigma: worth a note."""
 _RUINOUS = 0.5
 """Of Earth's horizontal rate: a bias that turns north by 30 degrees."""
 _TEN_TIMES = 10.0
@@ -173,22 +175,25 @@ class Frames:
     def contradicted(self) -> bool:
         """Whether the means speak against the frames as described, if nothing but a frame does."""
         chi, off = self.described
-        noise = float(self.rest.noise.max())
         if self.rest.stated is not None:
-            return chi > FIVE_SIGMA
-        return off > 5 * noise
+            return chi > _THREE_SIGMA
+        return off > 5 * float(self.rest.noise.max())
 
     @property
     def refutes(self) -> bool:
         """Whether the means contradict by more than a bias that nobody stated may do: where one
         that would turn north by 30 degrees were at work, nothing is lost by a refusal."""
-        return self.rest.stated is not None or (self.described[1] > _RUINOUS * self.rest.horizontal)
+        chi, off = self.described
+        if self.rest.stated is not None:
+            return chi > FIVE_SIGMA
+        return off > _RUINOUS * self.rest.horizontal
 
     def explains(self, frame: Frame) -> bool:
         """Whether this frame makes sense of means that contradict the one described."""
         chi, off = self.misfit(frame)
         if self.rest.stated is not None:
-            return chi < min(FIVE_SIGMA, self.described[0] - _EVIDENCE)
+            better = _EVIDENCE if self.refutes else _THREE_SIGMA - 1
+            return chi < min(FIVE_SIGMA, self.described[0] - better)
         noise = float(self.rest.noise.max())
         least = max(self.described[1] / _TEN_TIMES, min(3 * noise, self.described[1] / 3))
         return off <= least
@@ -277,7 +282,8 @@ def mirrored_finding(frames: Frames, config: LogConfig) -> Finding | None:
     """What of the frames this log cannot say: a note."""
     if frames.moved(Frame(_ONE, _ONE), Frame(-_ONE, _ONE)):
         return None
-    what = "the sign of y cannot be checked from this log: at rest a mirrored y looks the same"
+    what = "the sign of y cannot be checked from this log: at rest a mirrored y, or x and y in "
+    what += "each other's place, look the same"
     if not frames.compared():
         small = 2 * abs(np.sin(frames.rest.latitude)) < 0.5
         why = "so near to the equator" if small else "beside a bias as large as may be here"

@@ -258,9 +258,11 @@ class Levelled:
         return replace(self, rows=self.rows[which], body=self.body[which], base=self.base[which])
 
 
-def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
+def levelled(
+    windows: Windows, sample_s: float | None = None, timeless: bool = False
+) -> list[Levelled]:
     """The windows by course and latitude. sample_s : the sensor's own interval, where the windows
-    hold means.
+    hold means; timeless : whether it makes no difference when in its recording a window starts.
 
     The base's tilt is found by its mean specific force in the base's axes; what that leaves is
     small, and linear models (lbgc.estimators.optimal) have it. What is left over behind the last
@@ -279,7 +281,8 @@ def levelled(windows: Windows, sample_s: float | None = None) -> list[Levelled]:
     interval = size / windows.rate_hz
     base = tilt_of(unrepeated(angle), accel)
     body = np.concatenate([gyro, accel], axis=-1)
-    alike = np.column_stack([windows.start_s, windows.latitude, angle.round(9)]) + 0.0  # no -0.0
+    start = windows.start_s * (not timeless)
+    alike = np.column_stack([start, windows.latitude, angle.round(9)]) + 0.0  # no -0.0
     own: dict[bytes, list[int]] = {}
     for number, row in enumerate(alike):
         own.setdefault(row.tobytes(), []).append(number)

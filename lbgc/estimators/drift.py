@@ -121,7 +121,7 @@ def of_integral(triad: Triad) -> np.ndarray:
     total = np.square(triad.Q) + carried
     for size, hz in (
         (np.array(triad.tone) / np.sqrt(2), triad.tone_hz),
-        *((s, f) for s, f, _ in triad.lines),
+        *((s, f) for s, f, *_ in triad.lines),
     ):
         there = np.array(size) > 0
         total = total + np.square(

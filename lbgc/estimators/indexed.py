@@ -4,7 +4,8 @@ Each has a plain form (least squares, every block alike, biases free) and a weig
 unknowns, weighted by the covariance of the sensor's errors). All work in both hemispheres, and on a
 base that leans by up to 10 degrees. The plain ones need no latitude for the heading, and pay for
 it: on a lean they level the vertical gyro's errors into the horizontal rates, where no turn of the
-plate tells them from north. The weighted ones know Earth's vertical rate by the latitude.
+plate tells them from north. The weighted ones know Earth's vertical rate by the latitude, and take
+each slew's mean as well, where it fits the sensor's model.
 """
 
 from collections.abc import Callable
@@ -62,10 +63,11 @@ def _estimator(
     name: str, choose: Choose, windows: Windows, imu: ImuModel | None, weigh: bool
 ) -> Estimate:
     def each(part: Levelled) -> Estimate:
-        own = part.only(choose(name, part.course))
+        chosen = choose(name, part.course)
         if weigh:
+            own = part.only(chosen | part.course.slewing)
             return weighted(own, needs_model(name, imu), free_bias=True)
-        return plain(own, True, imu)
+        return plain(part.only(chosen), True, imu)
 
     return answer(windows, imu, each, name)
 

@@ -15,11 +15,17 @@ from lbgc.estimators import circle
 from lbgc.estimators.course import Course, Levelled, Site, levelled
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import likeliest
-from lbgc.estimators.optimal import apart, fitted, spread_of, told
+from lbgc.estimators.optimal import apart, fitted, spread_of
+from lbgc.estimators.sources import timeless
 from lbgc.frames import euler_to_matrix, turned, wrap
 from lbgc.sensor.imu import ImuModel
 
 LEANS = np.deg2rad(10.0)
+_DOUBTED, _CONTRADICTED = 4.0, 5.0
+"""Sigmas by which a rate's size must differ from Earth's before a bias is seen in it: of what a
+window's own scatter says, and of what is stated of the sensor."""
+_SAME_RATE = 1e-6
+"""Of Earth's rate: its own size is not known better."""
 
 
 def answer(
@@ -32,7 +38,8 @@ def answer(
     check(name, windows)
     heading, sigma = np.empty(len(windows)), np.empty(len(windows))
     at_least = False
-    for part in levelled(windows, None if imu is None else imu.dt):
+    when = (None, True) if imu is None else (imu.dt, timeless(imu))
+    for part in levelled(windows, *when):
         if not part.course.blocks:
             raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
         if part.tilt.max() > LEANS:
@@ -120,8 +127,20 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
         spread = _white(part, bias, weights, z)[:, None, None] * _of_each(weights)
         if not bias:
             spread = spread + (bias_sigma / part.site.north) ** 2 * np.eye(2)
+    spread = _widened(z, spread, _DOUBTED if imu is None else _CONTRADICTED)
     sigma = circle.posterior(*circle.measured(z, spread), heading).sigma
     return Estimate(wrap(heading), sigma, imu is None and bias_sigma == 0.0)
+
+
+def _widened(z: np.ndarray, spread: np.ndarray, sigmas: float) -> np.ndarray:
+    """The measurements' covariance, and where their length, which should be one, contradicts it by
+    more than so many sigmas, an error of that size in all directions on top: (V, 2, 2)."""
+    length = np.linalg.norm(z, axis=1)
+    n = z / np.maximum(length, 1e-300)[:, None]
+    radial = np.sum((n[:, None] @ spread)[:, 0] * n, axis=1)
+    off = (length - 1) ** 2
+    more = np.where(off > sigmas**2 * radial + _SAME_RATE**2, off, 0.0)
+    return np.asarray(spread + more[:, None, None] * np.eye(2))
 
 
 @lru_cache(maxsize=4096)  # of a log's windows each has a course of its own
@@ -158,5 +177,5 @@ def _of_each(weights: np.ndarray) -> np.ndarray:
 
 def weighted(part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:
     """The most likely heading under the sensor's covariance."""
-    found = told(imu, part, True) if free_bias else fitted(imu, part)
+    found = fitted(imu, part, free_bias)
     return likeliest(found.h, found.J)

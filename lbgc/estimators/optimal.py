@@ -42,7 +42,7 @@ _LEANS = np.deg2rad(0.5)
 """Leans are told apart by the first step, those below half a degree by the second; what that leaves
 is part of the level's error, which is unknown anyway."""
 _CHUNK = 256  # leans at once
-_MANY = 10.0  # standard deviations
+_MANY = 5.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Whitened:
         return total
 
 
-@lru_cache(maxsize=16)  # megabytes each
+@lru_cache(maxsize=32)  # megabytes each
 def whitened(imu: ImuModel, course: Course) -> Whitened:
     factor, B = factors(imu, course), patterns(imu, course)
     n, k = len(B), min(len(B), PATTERNS)
@@ -184,14 +184,14 @@ def told(imu: ImuModel, part: Levelled, free_bias: bool = False, check: bool = F
     return Told(h, J, misfit)
 
 
-def fitted(imu: ImuModel, part: Levelled) -> Told:
+def fitted(imu: ImuModel, part: Levelled, free_bias: bool = False) -> Told:
     """What windows tell, each with its slews where they fit the sensor's model. Where they do not
     (an axis that wobbles, an encoder that lags), that window is told by the other parts alone."""
-    every, slews = told(imu, part, check=True), part.course.slewing
+    every, slews = told(imu, part, free_bias, check=True), part.course.slewing
     if not slews.any() or slews.all():
         return every
     rest = part.only(~slews)
-    alone = told(imu, rest, check=True)
+    alone = told(imu, rest, free_bias, check=True)
     added = every.misfit * degrees(part.course) - alone.misfit * degrees(rest.course)
     count = 3 * int(slews.sum())
     wrong = added > count + _MANY * np.sqrt(2 * count)

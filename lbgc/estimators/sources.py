@@ -205,6 +205,20 @@ def _within(imu: ImuModel, course: Course) -> Iterator[tuple[str, int, np.ndarra
             yield "slews", channel, np.diag(np.where(course.slewing, _SLEW**2, 0.0))
 
 
+@lru_cache(maxsize=16)
+def timeless(imu: ImuModel) -> bool:
+    """Whether its errors in a window have the same law whenever the recording began: nothing warms
+    up, and no term's state spreads as time goes on."""
+    warms = any(any(t.bias_per_k) or any(t.scale_per_k) for t in (imu.gyro, imu.accel))
+    if (imu.warming.rise_k != 0 and warms) or any(imu.gyro.R) or any(imu.accel.R):
+        return False
+    models = [
+        term.means_model(1.0) for t in (imu.gyro, imu.accel) for axis in t.terms for term in axis
+    ]
+    steps = [(m.A @ m.P0 @ m.A.T + m.Q, m.P0) for m in models if len(m.C)]
+    return all(np.abs(later - p).max() <= 1e-7 * np.abs(later).max() for later, p in steps)
+
+
 @lru_cache(maxsize=16)  # as many as one course's axes share; each may have half a megabyte
 def _of_term(term: gaussian.GaussianTerm, course: Course) -> np.ndarray:
     whole = gaussian.covariance_of_means((term,), course.count, course.interval, 1, course.start)
@@ -239,7 +253,7 @@ def _not_gaussian(imu: ImuModel, triad: Triad, axis: int, course: Course) -> np.
     return covariance
 
 
-@lru_cache(maxsize=16)  # megabytes each
+@lru_cache(maxsize=32)  # megabytes each
 def factors(imu: ImuModel, course: Course) -> np.ndarray:
     """Cholesky factors of the channels' covariance, lower, (CHANNELS, n, n)."""
     total = np.repeat(np.square(_LEAST), 3)[:, None, None] * np.eye(len(course.blocks))

@@ -10,6 +10,7 @@ from lbgc.estimators.course import levelled
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.level import gyrocompass, level
 from lbgc.estimators.linear import answer, check, needs_model, plain, weighted
+from lbgc.estimators.sources import timeless
 from lbgc.frames import matrix_to_euler, wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -86,7 +87,8 @@ def _with_sigma(
     sigma = np.empty(len(windows))
     still = np.broadcast_to(windows.plate_angle[:, :1], windows.plate_angle.shape)
     at_least = False
-    for part in levelled(replace(windows, plate_angle=still)):
+    whenever = imu is None or timeless(imu)
+    for part in levelled(replace(windows, plate_angle=still), timeless=whenever):
         found = plain(part, False, imu, bias_sigma)
         sigma[part.rows] = found.sigma
         at_least |= found.at_least

@@ -46,18 +46,13 @@ def ahead(batches: Batches, steps: range, long_steps: bool) -> Iterator[Iterator
     cores left beside the one for the network's own arithmetic.
     """
     processes = 0 if long_steps else _processes()
-    threads = torch.get_num_threads()
-    torch.set_num_threads(max(1, threads - processes))
-    try:
-        # Threads that wait for each other's cores make small matrices several times as slow.
-        with threadpool_limits(1, "blas"), ThreadPoolExecutor(1) as thread:
-            yield (
-                _by_processes(processes, batches, steps)
-                if processes > 0
-                else _by_thread(thread, batches, steps)
-            )
-    finally:
-        torch.set_num_threads(threads)
+    # Threads that wait for each other's cores make small matrices several times as slow.
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(1) as thread:
+        yield (
+            _by_processes(processes, batches, steps)
+            if processes > 0
+            else _by_thread(thread, batches, steps)
+        )
 
 
 def _processes() -> int:

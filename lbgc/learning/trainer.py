@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError, reading
-from lbgc.learning import checkpoint, loss
+from lbgc.learning import checkpoint, loss, threads
 from lbgc.learning.ahead import Batch, Batches, ahead
 from lbgc.learning.batches import Examples, Sensed, every
 from lbgc.learning.model import RECURRENT, ModelConfig, make
@@ -53,6 +53,8 @@ class Plan:
     """Steps at first in which a network that states a sigma learns headings alone."""
     reference_sigma: float
     """rad, the error of the headings that it is told, 1 sigma: no part of a stated sigma."""
+    threads: int | None = None
+    """Of the network's arithmetic; None: what its size is worth."""
 
 
 class Trainer:
@@ -75,6 +77,7 @@ class Trainer:
             (window, *self._there(sensed.examples(every(validation, steps * block))))
             for window, steps in plan.windows_steps.items()
         ]
+        self.threads = plan.threads or threads.wanted(plan.model, plan.batch)
         self.step = 0
         self.seconds = 0.0  # of work that is kept: what a kill undoes is not counted
         self.smoothed: float | None = None
@@ -142,8 +145,12 @@ class Trainer:
     def drawing_ahead(self) -> Iterator[None]:
         """Meanwhile the batches of the steps that follow are drawn before they are asked for."""
         steps = range(self.step + 1, self.plan.steps + 1)
+        by_thread = self.plan.model.cell in RECURRENT
         try:
-            with ahead(self._batches, steps, self.plan.model.cell in RECURRENT) as self._ahead:
+            with (
+                threads.limited(self.threads),
+                ahead(self._batches, steps, by_thread) as self._ahead,
+            ):
                 yield
         finally:
             self._ahead = None

@@ -79,6 +79,10 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                 plain = unnumbered(name)
                 e = half_power(fit) if name == "bandwidth" else e
                 lines.append(f"  {WORDS[plain]:30s} {spelled(e, KEYS[plain][which])}")
+            key = KEYS["B"][which]
+            lowest, tau = fit.allan_minimum
+            minimum = f"{lowest / factor(key):.4g} {unit_of(key)} at {tau:.3g} s"
+            lines.append(f"  {'Allan minimum of N, B, K':30s} {minimum}")
             for tone in fit.tones:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
@@ -134,6 +138,7 @@ def of_axis(fit: Fit) -> dict:
     return {
         "estimates": {n: _plain(e) for n, e in every_estimate(fit).items()},
         "tones": [asdict(t) for t in fit.tones],
+        "allan_minimum": dict(zip(("value", "tau_s"), fit.allan_minimum, strict=True)),
         "courses": [asdict(c) for c in fit.courses],
         "counts": None if fit.counts is None else asdict(fit.counts),
         "bic": fit.bic,

@@ -9,12 +9,12 @@ from lbgc.sensor.bias_size import BiasSize
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Fit
 from lbgc.sensor.profile import Estimate
+from lbgc.sensor.shapes import is_line, poles
 from lbgc.units import factor
 
 
 def sensor_yaml(
     name: str,
-    corners: tuple[float, float],
     static: Static,
     fits: dict[str, list[Fit]],
     calibration: Calibration | None = None,
@@ -37,8 +37,8 @@ def sensor_yaml(
     for which, part in enumerate(("gyro", "accel")):
         lines.append(f"{part}:")
         lines += [
-            f"  flicker_short_s: {corners[0]:g}",
-            f"  flicker_long_s: {corners[1]:g}",
+            f"  flicker_short_s: {fits[part][0].corners[0]:g}",
+            f"  flicker_long_s: {fits[part][0].corners[1]:g}",
         ]
         for parameter in KEYS:
             if not parameter.startswith("line_"):
@@ -105,6 +105,7 @@ def _number(value: float) -> str:
 def _yaml_of_lines(which: int, fits: list[Fit]) -> list[str]:
     """Every axis's lines, the first ones of each together, and so on."""
     own = [[n for n in every_estimate(f) if n.startswith("line_sigma")] for f in fits]
+    shapes = [[s for s in f.shapes if is_line(s)] for f in fits]
     out = []
     for k in range(max(map(len, own))):
         for name in ("line_sigma", "line_f0", "line_width"):
@@ -116,6 +117,8 @@ def _yaml_of_lines(which: int, fits: list[Fit]) -> list[str]:
             key = KEYS[name][which]
             start = f"    {'- ' if name == 'line_sigma' else '  '}{key}"
             out.append(_figures(start, name, found, scale_of(key)))
+        kinds = [poles(s[k]) if k < len(s) else 2 for s in shapes]
+        out.append(f"      poles: {kinds}")
     return ["  lines:", *out] if out else []
 
 

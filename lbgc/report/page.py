@@ -58,6 +58,8 @@ class Subject:
     identity: str
     imu: ImuModel | None = None
     """The sensor's law, where it is known."""
+    sensor: str | None = None
+    """Its name."""
     configuration: Mapping | None = None
     """The dataset's; None for a real log."""
     picture: Path | None = None

@@ -59,10 +59,10 @@ def to_si(
     )
 
 
-def _line(line: Any) -> tuple[Triple, Triple, Triple]:
-    """Rms, centre and width of each axis, SI."""
-    size, centre, width = (_axes(line, key) for key in vars(line))
-    return size, centre, width
+def _line(line: Any) -> tuple[Triple, Triple, Triple, Triple]:
+    """Rms, centre, width and number of poles of each axis, SI."""
+    size, centre, width = (_axes(line, key) for key in vars(line) if key != "poles")
+    return size, centre, width, _plain(line, "poles")
 
 
 def _plain(config: Any, key: str) -> Triple:

@@ -149,20 +149,20 @@ def _weighted(
 
 
 def _line(term: Line, grid: Grid) -> np.ndarray:
-    """Its flanks are steep: only the nearest images count, and near it its mean over a bin does."""
+    """Near a line its mean over a bin counts. Steep flanks have no images but the nearest."""
     f, half = grid.f, grid.width / 2
-    total = term.psd(f)
-    near = np.flatnonzero(
-        (np.abs(f - term.f0) < 6 * term.width + 3 * half) & (half > 0.03 * term.width)
-    )
+    coarse, close = half > 0.03 * term.width, np.abs(f - term.f0) < 6 * term.width + 3 * half
+    near = np.flatnonzero(coarse & close)
+    if term.poles == 1:
+        rate, weight = term.ringing()
+        total = grid.dt * _of_exponential(-rate, weight, grid)
+    else:
+        total = term.psd(f) * grid.sinc_squared[0]
+        if term.f0 + 8 * term.width > 0.4 / grid.dt:
+            for image, passed in zip((-f, f), grid.sinc_squared[1:], strict=True):
+                total += term.psd(1 / grid.dt + image) * passed
     if len(near):
         at, by = f[near], half[near]
-        inside = term.power_below(at + by) - term.power_below(at - by)
-        total[near] = np.maximum(inside, 0) / (2 * by)
-    total *= grid.sinc_squared[0]
-    if term.f0 + 8 * term.width > 0.4 / grid.dt:
-        for image, sinc in zip(
-            (1 / grid.dt - f, 1 / grid.dt + f), grid.sinc_squared[1:], strict=True
-        ):
-            total += term.psd(image) * sinc
+        inside = np.maximum(term.power_below(at + by) - term.power_below(at - by), 0) / (2 * by)
+        total[near] = inside * grid.sinc_squared[0][near]
     return total

@@ -22,6 +22,8 @@ class GyroLine:
     """Its centre."""
     width_hz: Axes
     """Its full width at half power."""
+    poles: Axes = 2
+    """2: steep flanks, a frequency that wanders; 1: a damped resonance's gentle ones."""
 
     def __post_init__(self) -> None:
         _check_line(self, "deg_per_h")
@@ -37,6 +39,8 @@ class AccelLine:
     """Its centre."""
     width_hz: Axes
     """Its full width at half power."""
+    poles: Axes = 2
+    """2: steep flanks, a frequency that wanders; 1: a damped resonance's gentle ones."""
 
     def __post_init__(self) -> None:
         _check_line(self, "ug")
@@ -49,6 +53,8 @@ def _check_line(line: GyroLine | AccelLine, size: str) -> None:
         asked = np.broadcast_to(getattr(line, size), 3) > 0
         about = f"must be above zero where {size} = {getattr(line, size)} is"
         require(bool((given | ~asked).all()), name, getattr(line, name), about)
+    good = bool(np.isin(np.broadcast_to(line.poles, 3), (1, 2)).all())
+    require(good, "poles", line.poles, "must be 1 (a damped resonance) or 2 (steep flanks)")
 
 
 def _check_three(config: object) -> None:

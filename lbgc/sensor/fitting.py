@@ -1,19 +1,20 @@
 """Which noise a static recording has: maximum likelihood, with profile-likelihood intervals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.fft
 
-from lbgc.sensor import gaussian, noise
+from lbgc.sensor import corner, gaussian, noise
 from lbgc.sensor.counts import Counts
 from lbgc.sensor.goodness import Goodness, judge
+from lbgc.sensor.instability import allan_minimum
 from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.ordinates import Ordinates
-from lbgc.sensor.profile import Estimate, interval, widened
+from lbgc.sensor.profile import Estimate, interval, mixture_quantiles, widened
 from lbgc.sensor.search import search, try_out
-from lbgc.sensor.shapes import Shape
+from lbgc.sensor.shapes import BUTTERWORTH_WHITE, QUANTISATION, FlickerBetween, Shape
 from lbgc.sensor.tones import Tone
 from lbgc.sensor.warmup import Course
 
@@ -41,6 +42,8 @@ class Fit:
     goodness: Goodness | None = None
     """How well the model explains the recording; None where that was not asked."""
     spectrum: Spectrum | None = None
+    short_corners: dict[float, float] = field(default_factory=dict)
+    """Twice the log-likelihood by the bias instability's shorter corner, s; see `corner`."""
     courses: tuple[Course, ...] = ()
     """What the mean does beyond noise: taken out before the noise was fitted."""
     counts: Counts | None = None
@@ -53,6 +56,19 @@ class Fit:
         """The fitted terms and the samples' rounding: the noise of what was printed."""
         own = (noise.White(float(np.sqrt(self.rounding))),) if self.rounding > 0 else ()
         return (*self.terms(), *own)
+
+    @property
+    def corners(self) -> tuple[float, float]:
+        """Of the bias instability's floor, s."""
+        build = next(s.build for s in self.shapes if s.names == ("B",))
+        assert isinstance(build, FlickerBetween)
+        return build.short, build.long
+
+    @property
+    def allan_minimum(self) -> tuple[float, float]:
+        """The lowest point of the fitted Allan deviation, unit, and its averaging time, s."""
+        n, b, k = (self.estimates[name].value for name in ("N", "B", "K"))
+        return allan_minimum(n, b, k, self.corners)
 
     def terms(self) -> gaussian.Gaussians:
         """The fitted terms, at the maximum of the likelihood."""
@@ -72,6 +88,8 @@ def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = N
     likelihood = Likelihood(data, shapes)
     p, best = likelihood.minimise(np.log([begun.values[name] for name in likelihood.names]))
     estimates = {name: interval(likelihood, p, best, i) for i, name in enumerate(likelihood.names)}
+    if "N" in estimates:
+        estimates["N"] = _allowing(data, shapes, begun.values, estimates["N"], best)
     return Fit(
         shapes,
         estimates,
@@ -96,6 +114,37 @@ def choose(
     return fit(data, best.shapes, best.values)
 
 
+def _allowing(
+    data: Ordinates, shapes: list[Shape], values: dict[str, float], n: Estimate, best: float
+) -> Estimate:
+    """White noise's interval, with an allowance for what the log does not show but may have: a
+    filter too fast for it, a quantisation too fine. Models with one of these are weighed by
+    Akaike's criterion, and the interval is that of the mixture."""
+    if n.is_limit or n.is_lower_limit:
+        return n
+    white = next(s for s in shapes if s.names[0] == "N")
+    others = [s for s in shapes if s is not white]
+    options = []
+    if len(white.names) == 1:
+        start = {**values, "bandwidth": 0.6 / data.dt}
+        options.append(([BUTTERWORTH_WHITE, *others], start))
+    if all(s.names != QUANTISATION.names for s in shapes):
+        options.append(([*shapes, QUANTISATION], dict(values)))
+    centres, sigmas, gains = [np.log(n.value)], [np.log(n.high / n.low) / (2 * 1.96)], [0.0]
+    for terms, start in options:
+        begun = try_out(data, terms, start)
+        likelihood = Likelihood(data, terms)
+        p = np.log([begun.values[name] for name in likelihood.names])
+        at = likelihood.names.index("N")
+        centres.append(max(p[at], centres[0] - 3))
+        sigma = np.sqrt(max(likelihood.covariance(p, keep=[at])[at, at], 0.0))
+        sigmas.append(min(sigma, 1.0))  # a factor of 2.7 either way is no knowledge at all
+        gains.append(max(2 * (best - likelihood.value(p)), 0.0) - 2)
+    weights = np.exp(np.array(gains) / 2)
+    ends = mixture_quantiles(weights / weights.sum(), centres, sigmas, (0.025, 0.975, 0.95))
+    return Estimate(n.value, *np.exp(ends).tolist())
+
+
 def judged(series: np.ndarray, data: Ordinates, fit: Fit) -> Fit:
     """The fit with its goodness. Where the model fails, every interval is as wide as the bands of
     the spectrum differ about its parameter. series : (R, n), what the data are of."""
@@ -109,7 +158,10 @@ def judged(series: np.ndarray, data: Ordinates, fit: Fit) -> Fit:
         wide = zip(estimates.items(), goodness.widening, strict=True)
         estimates = {name: widened(e, by) for (name, e), by in wide}
     spectrum = Spectrum(data.grid.f, data.power / data.count, model)
-    return replace(fit, estimates=estimates, goodness=goodness, spectrum=spectrum)
+    shorts = corner.profile(data, fit.shapes, values, fit.corners)
+    return replace(
+        fit, estimates=estimates, goodness=goodness, spectrum=spectrum, short_corners=shorts
+    )
 
 
 def _ramp(likelihood: Likelihood, p: np.ndarray) -> Estimate:

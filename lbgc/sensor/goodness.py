@@ -231,7 +231,7 @@ def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[flo
         return 1.0, Band(0.0, 0.5 / dt, 1.0, 0.0)
     flat = energy.reshape(len(energy), -1)
     each = [
-        _bartlett(e, (h - lo) / _EIGHTHS) for e, h, lo in zip(flat, edges, edges[1:], strict=False)
+        bartlett(e, (h - lo) / _EIGHTHS) for e, h, lo in zip(flat, edges, edges[1:], strict=False)
     ]
     at = int(np.argmin(each))
     ratio = float(flat[at].max() / flat[at].mean())
@@ -240,7 +240,7 @@ def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[flo
     return float(1 - (1 - min(each)) ** len(each)), where
 
 
-def _bartlett(energy: np.ndarray, freedom: float) -> float:
+def bartlett(energy: np.ndarray, freedom: float) -> float:
     """p of equal variances: energy (G,), each chi-squared with so many degrees of freedom."""
     groups = len(energy)
     statistic = groups * freedom * np.log(energy.mean()) - freedom * np.sum(np.log(energy))

@@ -123,7 +123,7 @@ class Triad:
     R: Triple
     gauss_markov: Triple
     gauss_markov_time: Triple
-    lines: tuple[tuple[Triple, Triple, Triple], ...]
+    lines: tuple[tuple[Triple, Triple, Triple, Triple], ...]
     """Each line's rms, centre (Hz) and width (Hz)."""
     bandwidth_hz: Triple | None
     damping: Triple
@@ -171,7 +171,10 @@ class Triad:
                 self.gauss_markov[i],
                 noise.GaussMarkov(self.gauss_markov[i], self.gauss_markov_time[i]),
             ),
-            *((size[i], noise.Line(size[i], f0[i], width[i])) for size, f0, width in self.lines),
+            *(
+                (size[i], noise.Line(size[i], f0[i], width[i], int(poles[i])))
+                for size, f0, width, poles in self.lines
+            ),
         )
         return tuple(term for coefficient, term in every if coefficient > 0)
 

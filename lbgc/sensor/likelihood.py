@@ -134,7 +134,9 @@ class Likelihood:
             if gradient[moves] @ step < enough:  # all that is left to gain
                 break
             room = np.where(step < 0, self.most[free] - p[free], p[free] - self.least[free])
-            short = min(1.0, float(np.min(room / np.abs(step), initial=1.0)))  # of an end
+            short = min(
+                1.0, float(np.min(room / np.maximum(np.abs(step), 1e-300), initial=1.0))
+            )  # of an end
             step *= short
             for _ in range(10):
                 trial = p.copy()

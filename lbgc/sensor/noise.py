@@ -145,14 +145,17 @@ class GaussMarkov(GaussianTerm):
 
 @dataclass(frozen=True)
 class Line(GaussianTerm):
-    """A line that wanders: band-limited noise moved to f0, so with a flat top and steep flanks.
+    """A narrow band of noise around f0, with a stationary start. Its flanks are one of two kinds.
 
-    The real part of z e^(i w0 t), z the complex output of a Butterworth low-pass (see BandLimited)
-    of half the width. A vibration's power lies where its frequency goes and nowhere else; a damped
-    resonance, whose flanks fall as the square of the distance, would lay a skirt around it that
-    spectra of real lines do not show. With g = pi x width, a = g/sqrt 2 and a stationary start:
-    covariance sigma^2 e^(-a|t|) (cos at + sin a|t|) cos w0 t; PSD sigma^2 sqrt 2/g times
+    Of two poles it is a line that wanders: the real part of z e^(i w0 t), z the complex output of a
+    low-pass of half the width (Butterworth, see BandLimited), so with a flat top and steep flanks:
+    a vibration's power lies where its frequency goes and nowhere else. With g = pi x width, a =
+    g/sqrt 2: covariance sigma^2 e^(-a|t|) (cos at + sin a|t|) cos w0 t; PSD sigma^2 sqrt 2/g times
     1/(1 + ((w - w0)/g)^4) + 1/(1 + ((w + w0)/g)^4), half its peak at f0 +- width/2.
+
+    Of one pole it is the rate of a damped resonance, x'' + 2 g x' + w0^2 x = white noise, whose
+    flanks fall as the square of the distance: covariance sigma^2 e^(-g|t|) (cos w1 t -
+    g/w1 sin w1|t|), w1^2 = w0^2 - g^2; PSD 4 g sigma^2 w^2/((w0^2 - w^2)^2 + 4 g^2 w^2).
     """
 
     sigma: float
@@ -161,24 +164,42 @@ class Line(GaussianTerm):
     """Hz: centre."""
     width: float
     """Hz: full width at half maximum."""
+    poles: int = 2
+    """2: steep flanks; 1: a damped resonance, narrower than 2 f0."""
+
+    def ringing(self) -> tuple[complex, complex]:
+        """Rate s and weight W of a resonance's covariance, Re(W e^(s |t|))."""
+        g = np.pi * self.width
+        turn = np.sqrt(max((2 * np.pi * self.f0) ** 2 - g**2, (1e-3 * g) ** 2))
+        return complex(-g, turn), self.sigma**2 * complex(1.0, g / turn)
 
     def means_model(self, interval: float) -> MeansModel:
         g, w = np.pi * self.width, 2 * np.pi * self.f0
+        if self.poles == 1:  # of w0 x and x'
+            swinging = np.array([[0.0, w], [-w, -2 * g]])
+            diffusion, start = np.diag([0.0, 4 * g * self.sigma**2]), self.sigma**2 * np.eye(2)
+            return sde_means_model(swinging, diffusion, np.array([0.0, 1.0]), start, interval)
+        turn = np.array([[0.0, -w], [w, 0.0]])
         # of the low-pass's output and its rate over g, real and imaginary, turning at w0
         low_pass = g * np.array([[0.0, 1.0], [-1.0, -2 * BUTTERWORTH]])
-        turn = np.array([[0.0, -w], [w, 0.0]])
         F = np.kron(np.eye(2), low_pass) + np.kron(turn, np.eye(2))
         variance = self.sigma**2 * np.eye(4)
         diffusion = 4 * BUTTERWORTH * g * variance * np.diag([0.0, 1.0, 0.0, 1.0])
         return sde_means_model(F, diffusion, np.array([1.0, 0, 0, 0]), variance, interval)
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
-        a, w = np.pi * self.width * BUTTERWORTH, 2 * np.pi * self.f0
+        g, w = np.pi * self.width, 2 * np.pi * self.f0
+        if self.poles == 1:
+            return exponential_allan(*self.ringing(), tau)
+        a = g * BUTTERWORTH
         each = [exponential_allan(a * (1j - 1) + 1j * turn, 1 - 1j, tau) for turn in (w, -w)]
         return self.sigma**2 / 2 * (each[0] + each[1])
 
     def psd(self, f: np.ndarray) -> np.ndarray:
         g, f = np.pi * self.width, np.asarray(f, dtype=float)
+        if self.poles == 1:
+            w0, w = 2 * np.pi * self.f0, 2 * np.pi * f
+            return 4 * g * (self.sigma * w) ** 2 / ((w0**2 - w**2) ** 2 + (2 * g * w) ** 2)
         x, y = (2 * (f - self.f0) / self.width) ** 2, (2 * (f + self.f0) / self.width) ** 2
         return self.sigma**2 * np.sqrt(2) / g * (1 / (1 + x**2) + 1 / (1 + y**2))
 
@@ -192,6 +213,10 @@ class Line(GaussianTerm):
             return (ratio + np.arctan(r + 1) + np.arctan(r - 1)) / (2 * np.pi)
 
         f = np.asarray(f, dtype=float)
+        if self.poles == 1:
+            s, weight = self.ringing()
+            turns = np.log(-s + 2j * np.pi * f) - np.log(-s - 2j * np.pi * f)
+            return np.imag(weight * turns) / (2 * np.pi)
         x, y = 2 * (f - self.f0) / self.width, 2 * (f + self.f0) / self.width
         return self.sigma**2 / 2 * (shape(x) + shape(y))
 

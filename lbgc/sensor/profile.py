@@ -1,6 +1,6 @@
 """Intervals of fitted parameters: where the likelihood, the others maximised, falls off."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,16 @@ class Estimate:
     def is_withheld(self) -> bool:
         """Whether the data tell nothing of it."""
         return self.is_limit and self.is_lower_limit
+
+
+def mixture_quantiles(
+    weights: Sequence[float], centres: Sequence[float], sigmas: Sequence[float], at: Sequence[float]
+) -> np.ndarray:
+    """Quantiles of a mixture of normal laws."""
+    centre, sigma = np.array(centres), np.array(sigmas)
+    x = np.linspace((centre - 5 * sigma).min(), (centre + 5 * sigma).max(), 4001)
+    below = scipy.stats.norm.cdf((x[:, None] - centre) / sigma) @ np.array(weights)
+    return np.interp(at, below, x)
 
 
 def widened(e: Estimate, by: float) -> Estimate:

@@ -1,11 +1,11 @@
 """Which terms a recording's noise is made of.
 
 From the core (white noise, bias instability, random walk) terms are added one by one, where the
-Bayesian information criterion gains by them: angle quantisation, an output filter, a Gauss-Markov
-process, lines where the spectrum stands above the model. Such a search sticks: two lines close to
-each other look like one, and a line hides a filter. So what was found is also shaken: lines split
-and merge, every term is left out in turn, and the search starts a second time from all the peaks of
-the spectrum at once.
+likelihood gains more by them than chance would give in one log of some hundreds: an angle
+quantisation, an output filter, a Gauss-Markov process, lines where the spectrum stands above the
+model. Such a search sticks: two lines close to each other look like one, and a line hides a filter.
+So what was found is also shaken: lines split and merge, every term is left out in turn, and the
+search starts a second time from all the peaks of the spectrum at once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,11 +27,14 @@ from lbgc.sensor.shapes import (
     core,
     is_line,
     line,
+    poles,
     renumbered,
 )
 
-WORTH = 6.0
-"""What a further term must gain in the information criterion: strong evidence."""
+_COSTS = {"Q": 8.0, "N": 12.0, "GM_sigma": 15.0, "line_sigma": 34.0}
+"""What a term must gain in twice the log-likelihood: chi-squared with its parameters' number of
+degrees of freedom exceeds that in a few of a thousand logs; a line's, over all places and widths
+where one could be."""
 _MOST_TERMS = 12
 _ROUNDS = 12
 _WINDOWS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -48,7 +51,8 @@ class Trial:
 
     shapes: list[Shape]
     values: dict[str, float]
-    bic: float
+    cost: float
+    """Minus twice the log-likelihood, and what the terms must gain: the least is the best"""
     model: np.ndarray
     """(M,), the density of every ordinate, unit^2 s"""
 
@@ -75,7 +79,7 @@ def search(
         together = _all_peaks(data, begin, say)
         if together.lines:
             other = _shaken(data, _grown(data, together, say), say)
-            best = min(best, other, key=lambda t: t.bic)
+            best = min(best, other, key=lambda t: t.cost)
     return best
 
 
@@ -95,7 +99,14 @@ def try_out(
     else:
         p, value = likelihood.minimise(guess, None, 40, 1e-3)
     values = dict(zip(likelihood.names, np.exp(p).tolist(), strict=True))
-    return Trial(shapes, values, likelihood.bic(value), likelihood.variance(p)[0])
+    return Trial(shapes, values, 2 * value + _needed(shapes), likelihood.variance(p)[0])
+
+
+def _needed(shapes: list[Shape]) -> float:
+    """What all optional terms together must gain."""
+    plain = ("N",), ("B",), ("K",)
+    named = (s.names[0] if not is_line(s) else "line_sigma" for s in shapes if s.names not in plain)
+    return sum(_COSTS[name] for name in named)
 
 
 def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
@@ -137,9 +148,9 @@ def half_power_ratio(damping: float) -> float:
 def _best(data: Ordinates, options: Sequence[Option]) -> list[Trial]:
     """The two most promising of a short trial of each, fitted; sensible ones only."""
     rough = [try_out(data, *option, rough=True) for option in options]
-    rough = sorted((t for t in rough if np.isfinite(t.bic)), key=lambda t: t.bic)[:2]
+    rough = sorted((t for t in rough if np.isfinite(t.cost)), key=lambda t: t.cost)[:2]
     fine = [try_out(data, t.shapes, t.values) for t in rough]
-    return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.bic)
+    return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.cost)
 
 
 def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
@@ -147,7 +158,7 @@ def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
     while len(best.shapes) < _MOST_TERMS:
         say(f"{len(best.shapes)} terms, one more")
         trials = _best(data, list(_extensions(data, best)))
-        if not trials or trials[0].bic > best.bic - WORTH:
+        if not trials or trials[0].cost > best.cost - 0.5:
             break
         best = trials[0]
     return best
@@ -158,13 +169,13 @@ def _shaken(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
     for _ in range(_ROUNDS):
         say(f"{len(best.shapes)} terms, shaken")
         fewer = _best(data, list(_reductions(best)))
-        if fewer and fewer[0].bic < best.bic + WORTH:
+        if fewer and fewer[0].cost < best.cost:
             best = fewer[0]
             continue
         if not best.lines:
             break
-        trials = _best(data, list(_splits(best)))
-        if not trials or trials[0].bic > best.bic - WORTH:
+        trials = _best(data, [*_splits(best), *_other_flanks(best)])
+        if not trials or trials[0].cost > best.cost - 0.5:
             break
         best = _grown(data, trials[0], say)
     return best
@@ -188,10 +199,11 @@ def _extensions(data: Ordinates, best: Trial) -> Iterator[Option]:
     if not best.has(GAUSS_MARKOV):
         for time in (1.0, 10.0, 100.0):
             yield [*best.shapes, GAUSS_MARKOV], {**known, "GM_T": time}
-    another = line(1 + len(best.lines))
+    another, resonance = (line(1 + len(best.lines), n) for n in (2, 1))
     for peak in peaks(data, best.model):
         guess = {**known, **dict(zip(another.names, peak, strict=True))}
         yield [*best.shapes, another], guess
+        yield [*best.shapes, resonance], guess
         if unfiltered:
             both = {**guess, "bandwidth": 0.3 / data.dt, "damping": 0.7}
             yield [FILTERED_WHITE, *others, another], both
@@ -243,6 +255,14 @@ def _splits(best: Trial) -> Iterator[Option]:
             guess = {**best.values, **dict(zip(shape.names, first, strict=True))}
             guess |= dict(zip(another.names, second, strict=True))
             yield [*best.shapes, another], guess
+
+
+def _other_flanks(best: Trial) -> Iterator[Option]:
+    """The model with a line a resonance, or the other way, each and all of them."""
+    turned = {id(s): line(i + 1, 3 - poles(s)) for i, s in enumerate(best.lines)}
+    yield [turned.get(id(s), s) for s in best.shapes], best.values
+    for shape in best.lines if len(best.lines) > 1 else ():
+        yield [turned[id(s)] if s is shape else s for s in best.shapes], best.values
 
 
 def peaks(data: Ordinates, model: np.ndarray, most: int = 3) -> list[tuple[float, float, float]]:
@@ -302,7 +322,10 @@ def first_guess(data: Ordinates, shape: Shape, name: str, given: dict[str, float
     top = data.f > 0.05 * data.f[-1]
     white = float(np.sqrt(np.sum(data.power[top]) / np.sum(data.count[top])))
     if name == "N":
-        return float(np.sqrt(np.median((data.power / data.count)[data.count > 2])))
+        several = data.count > 2  # of one, the median would be half the mean
+        if not several.any():
+            return white
+        return float(np.sqrt(np.median((data.power / data.count)[several])))
     if name == "Q":
         return white * np.sqrt(data.dt) / 10
     # As much as the lowest twenty coefficients hold, shared.

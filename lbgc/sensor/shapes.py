@@ -54,36 +54,40 @@ def core(corners: tuple[float, float] = (1.0, 3600.0)) -> list[Shape]:
 QUANTISATION = Shape(("Q",), AngleQuantisation)
 GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
 FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
+BUTTERWORTH_WHITE = Shape(("N", "bandwidth"), BandLimited)
 FIRST_ORDER_DAMPING = 2.0
 FIRST_ORDER = Shape(("N", "bandwidth"), partial(BandLimited, damping=FIRST_ORDER_DAMPING))
 """White noise behind a filter whose other pole is fourteen times as fast."""
 
 
-def line(k: int) -> Shape:
+def line(k: int, poles: int = 2) -> Shape:
     """The k-th line of a model, from 1 on; the first goes without a number."""
     number = "" if k == 1 else f"_{k}"
     names = ("line_sigma", "line_f0", "line_width")
-    return Shape(tuple(name + number for name in names), Line)
+    return Shape(tuple(name + number for name in names), partial(Line, poles=poles))
 
 
 def is_line(shape: Shape) -> bool:
     return shape.names[0].startswith("line_sigma")
 
 
+def poles(shape: Shape) -> int:
+    """Of a line."""
+    term = shape.unit_term((1.0, 1.0))
+    assert isinstance(term, Line)
+    return term.poles
+
+
 def renumbered(
     shapes: Sequence[Shape], values: dict[str, float]
 ) -> tuple[list[Shape], dict[str, float]]:
     """The same model with its lines numbered from 1 on."""
-    out, named, k = [], dict(values), 0
+    out: list[Shape] = []
+    named = {n: v for n, v in values.items() if not n.startswith("line_")}
     for shape in shapes:
-        if not is_line(shape):
-            out.append(shape)
-            continue
-        k += 1
-        new = line(k)
-        old = [named.pop(name) for name in shape.names]
-        named = {n: v for n, v in named.items() if n not in new.names} | dict(
-            zip(new.names, old, strict=True)
-        )
+        new = shape
+        if is_line(shape):
+            new = line(1 + sum(map(is_line, out)), poles(shape))
+            named |= dict(zip(new.names, (values[n] for n in shape.names), strict=True))
         out.append(new)
     return out, named

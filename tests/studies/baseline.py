@@ -11,13 +11,13 @@
 from dataclasses import replace
 
 import numpy as np
-from common import Report, interval95
+from common import Report, cases, interval95
 from tqdm import tqdm
 
 import lbgc.train
 import sim.generate
 from lbgc.data.store import Dataset
-from lbgc.data.windows import cut
+from lbgc.data.windows import cut, joined
 from lbgc.estimators.static import mean
 from lbgc.learning.estimator import Learned
 from lbgc.metrics import heading_errors, summarise
@@ -25,7 +25,8 @@ from lbgc.report import paper
 from lbgc.train import TrainConfig
 from sim.generate import GenerateConfig
 
-SEEDS, UNITS, RECORDINGS = 50, 8, 2000
+CASES = cases("baseline")
+SEEDS, UNITS, RECORDINGS = (CASES[name] for name in ("seeds", "units", "recordings"))
 
 
 def dataset(config: GenerateConfig, name: str) -> Dataset:
@@ -34,12 +35,8 @@ def dataset(config: GenerateConfig, name: str) -> Dataset:
 
 
 def errors(data: Dataset, estimate, window_s: float, split: str) -> np.ndarray:
-    return np.concatenate(
-        [
-            heading_errors(estimate(windows).heading, windows.heading)
-            for windows in (cut(r, window_s) for r in data.records(data.in_split(split)))
-        ]
-    )
+    windows = joined([cut(record, window_s) for record in data.records(data.in_split(split))])
+    return heading_errors(estimate(windows).heading, windows.heading)
 
 
 def medians(report: Report, config: GenerateConfig) -> None:
@@ -73,7 +70,7 @@ def units(report: Report, config: GenerateConfig) -> None:
     ratios = []
     for seed in range(1, UNITS + 1):
         data = dataset(replace(config, unit_seed=seed), f"unit{seed}")
-        run = lbgc.train.main(TrainConfig(data=str(data.path), steps=1500))
+        run = lbgc.train.main(TrainConfig(data=str(data.path), steps=CASES["steps"]))
         rmse = [
             float(np.rad2deg(np.sqrt(np.mean(errors(data, e, 60.0, "test") ** 2))))
             for e in (mean, Learned.load(run))

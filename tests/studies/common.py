@@ -1,14 +1,41 @@
 """What every study and the bench share: where results go and what they say of the machine."""
 
-import json
 import os
 import platform
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 
-from lbgc.outputs import write_atomically
+import sim.generate
+from lbgc.outputs import as_json, write_atomically
+
+
+def cases(study: str) -> dict[str, Any]:
+    """What a study is of: its YAML file; LBGC_STUDY=small puts what small.yaml has of it in the
+    place of what it costs, so that the tests run the same code in seconds."""
+    here = Path(__file__).parent
+    own = yaml.safe_load((here / f"{study}.yaml").read_text())
+    size = os.environ.get("LBGC_STUDY")
+    if size is None:
+        return own
+    return _replaced(own, yaml.safe_load((here / f"{size}.yaml").read_text())[study])
+
+
+def _replaced(own: dict[str, Any], by: dict[str, Any]) -> dict[str, Any]:
+    """`key: value` takes the value's place; `key+: {...}` does so within a group."""
+    found = dict(own)
+    for key, value in by.items():
+        name = key.removesuffix("+")
+        assert name in own, f"small.yaml: {name} is no key of its study's cases"
+        found[name] = value if name == key else _replaced(own[name], value)
+    return found
+
+
+# A picture is no data, and here would only cost time.
+sim.generate.try_picture = lambda *_: None
 
 
 class Report:
@@ -34,8 +61,7 @@ class Report:
         self.summary["minutes"] = round((time.perf_counter() - self._started) / 60, 2)
         self.summary["machine"] = f"{platform.machine()}, {os.cpu_count()} cores"
         write_atomically(self.directory / "table.txt", "\n".join(self._lines) + "\n")
-        text = json.dumps(self.summary, indent=2, default=float)
-        write_atomically(self.directory / "summary.json", text + "\n")
+        write_atomically(self.directory / "summary.json", as_json(self.summary) + "\n")
         print(self.directory / "summary.json")
 
 

@@ -14,13 +14,13 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import scipy.linalg
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import REAL_LOGS, composed, default_config
 from scipy.signal import lfilter
 from scoring import Scores, first_windows, named, scored
@@ -44,7 +44,7 @@ from lbgc.report.figures import error_against_window, png
 from lbgc.sensor.imu import ImuModel
 from sim.generate import GenerateConfig
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("estimators")
 DIRECTORY = Path("outputs/studies/estimators")
 WHITE_ONLY = (
     "imu=ideal",
@@ -62,7 +62,7 @@ class Case:
     recordings: int
     mean_s: float
 
-    @property
+    @cached_property
     def config(self) -> GenerateConfig:
         return default_config(
             f"latitude={CASES['latitude']}",
@@ -74,7 +74,7 @@ class Case:
             "units=1000000",  # each recording's own, so that a unit's errors are drawn afresh
         )
 
-    @property
+    @cached_property
     def imu(self) -> ImuModel:
         return self.config.imu.model(self.config.rate_hz)
 

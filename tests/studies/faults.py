@@ -28,8 +28,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import yaml
-from common import Report
+from common import Report, cases
 from corruption import KINDS
 from dask_cluster import running
 from helpers import composed, default_config
@@ -43,7 +42,7 @@ from lbgc.learning import checkpoint
 from lbgc.train import TrainConfig
 from sim.cluster import ClusterConfig
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("faults")
 
 
 def first_shard(out: Path) -> bool:
@@ -242,9 +241,6 @@ def corruptions(report: Report, home: Path) -> None:
         "corruptions_not_mended": len(unmended),
     }
 
-
-# A picture is no data, and here would only cost time; in the processes too.
-sim.generate.try_picture = lambda *_: None
 
 if __name__ == "__main__":
     set_forkserver_preload(["sim.generate", "lbgc.train", "helpers", "common", "corruption"])

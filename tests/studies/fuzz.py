@@ -22,20 +22,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
-from common import Report
+from common import Report, cases
 from fuzzing import EDITS, PLANTS, Bench, Reader, Step, exported, onnx_reader, readers
 from tqdm import tqdm
 
 from lbgc.errors import InputError
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("fuzz")
 FORBIDDEN = ("subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork",
              "pty.", "socket.", "urllib.", "ftplib.", "smtplib.", "pickle.", "marshal.",
              "ctypes.")  # fmt: skip
 ONNX = "example.onnx"
-WARMING_UP = 80
-"""Files of each kind, of another seed, read first: what libraries load at their first error."""
 
 
 class Watch:
@@ -92,7 +89,7 @@ def work(home: str, first: int, every: int, at: SynchronizedArray, report: Any) 
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     watch = Watch()
     for kind, bench in benches.items():
-        for number in range(WARMING_UP):
+        for number in range(CASES["warming_up"]):
             attempt(watch, bench, *case(kind, kinds[kind], CASES["seed"] + 1, number))
     number = 0
     for kind, count in CASES["files"].items():

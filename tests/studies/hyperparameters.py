@@ -14,8 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import ROOT, composed, default_config
 from scoring import first, scored
 
@@ -30,7 +29,7 @@ from lbgc.learning.estimator import Learned
 from lbgc.report import paper
 from lbgc.train import TrainConfig
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("hyperparameters")
 DIRECTORY = Path("outputs/studies/hyperparameters")
 
 

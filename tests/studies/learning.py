@@ -20,8 +20,7 @@ from pathlib import Path
 import numpy as np
 import swaying
 import torch
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import composed, default_config
 from matplotlib.figure import Figure
 from scipy.stats import norm
@@ -49,7 +48,7 @@ from lbgc.report.figures import png
 from lbgc.sensor.imu import ImuModel
 from lbgc.train import TrainConfig
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("learning")
 DIRECTORY = Path("outputs/studies/learning")
 IMPROVEMENT = (35.2, 43.3, 46.2, 46.6, 55.7)
 """Published, per cent, of the medians at the five windows."""

@@ -11,12 +11,10 @@
 import time
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import closed_form
 import numpy as np
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import REAL_LOGS, composed, default_config
 from matplotlib.figure import Figure
 from tqdm import tqdm
@@ -36,7 +34,7 @@ from sim import motion, physics
 from sim.poses import Bench
 from sim.scene import SceneConfig, load
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("motion")
 DEG = np.pi / 180
 
 
@@ -164,7 +162,7 @@ def speed(report: Report) -> None:
         ("vehicle", default_config("scene=vehicle").scene),
     ):
         model = load(scene, 9.8)
-        control = np.zeros((2, 60_000, model.nu))
+        control = np.zeros((2, CASES["speed_steps"], model.nu))
         states = [physics._state(model, 0.0)] * 2
         rates = []
         for _ in range(3):

@@ -11,13 +11,11 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from importlib.util import find_spec
 from multiprocessing import get_context
-from pathlib import Path
 
 import allantools
 import numpy as np
 import scipy.stats
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import REAL_LOGS, composed
 from matplotlib.figure import Figure
 from tqdm import tqdm
@@ -41,7 +39,7 @@ from lbgc.sensor.noise import (
 from lbgc.sensor.ordinates import ordinates
 from lbgc.sensor.shapes import core
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("noise")
 FLOOR = np.sqrt(2 * np.log(2) / np.pi)
 
 
@@ -122,7 +120,7 @@ def flicker(report: Report) -> None:
     inside = (tau >= 10 * short) & (tau <= long / 10)
     slope = np.gradient(np.log(deviation), np.log(tau))[inside]
     plateau = np.abs(deviation[inside] / FLOOR - 1).max()
-    y = term.sample(generator(3), (400, 65536), 0.1)
+    y = term.sample(generator(3), (CASES["flicker_draws"], 65536), 0.1)
     blocks = 2 ** np.arange(7, 12)  # 12.8 to 205 s
     drawn = np.stack([block_allan(y, int(m)) for m in blocks])
     weight = (drawn.mean(axis=1) / drawn.std(axis=1)) ** 2
@@ -131,7 +129,8 @@ def flicker(report: Report) -> None:
     report.line()
     report.line(
         f"flicker: slope within {np.abs(slope).max():.4f}, plateau within {plateau:.2%} of "
-        f"0.664 B from 10 T_short to T_long/10; regression over 400 draws {regressed:+.4f}"
+        f"0.664 B from 10 T_short to T_long/10; regression over {len(y)} draws "
+        f"{regressed:+.4f}"
     )
     report.summary |= {
         "flicker_slope_abs_max": float(np.abs(slope).max()),
@@ -204,13 +203,14 @@ def peers(report: Report) -> None:
 
 def means_law(report: Report) -> None:
     """Whitened by the predicted covariance, both ways of drawing means are chi-squared: KS of the
-    p-values over 500 seeds."""
+    p-values over many seeds."""
     terms, n, block, dt = (White(0.5), Flicker(0.7), RandomWalk(0.05)), 16, 40, 0.05
     factor = np.linalg.cholesky(gaussian.covariance_of_means(terms, n, dt, block))
     worst = 1.0
+    seeds = CASES["means_law_seeds"]
     for way in ("averaged samples", "means"):
         p = []
-        for seed in range(500):
+        for seed in range(seeds):
             rng = generator(4, seed)
             if way == "means":
                 y = gaussian.sample_means(terms, rng, (n,), dt, block).astype(float)
@@ -221,7 +221,7 @@ def means_law(report: Report) -> None:
             p.append(scipy.stats.chi2.sf(white @ white, n))
         ks = scipy.stats.kstest(p, "uniform").pvalue
         worst = min(worst, ks)
-        report.line(f"law of means, {way}: KS p = {ks:.3f} over 500 seeds")
+        report.line(f"law of means, {way}: KS p = {ks:.3f} over {seeds} seeds")
     report.summary["means_law_ks_p"] = float(worst)
     seconds, rate = 64 * 240.0, 600
     costs = {}
@@ -269,7 +269,7 @@ def fisher(sensor: dict, seconds: float) -> dict[str, float]:
     data = ordinates(generator(9).standard_normal(round(seconds / dt)), dt)
     likelihood = Likelihood(data, core())
     v, J = likelihood.variance(np.log([sensor[name] for name in units]))
-    above = np.concatenate([np.zeros(likelihood.lows, bool), data.f > 1 / (2 * interval)])
+    above = data.f > 1 / (2 * interval)
     A = J[above] / v[above, None]
     information += 0.5 * (A * likelihood.count[above, None]).T @ A
     return dict(zip(units, np.sqrt(np.diag(np.linalg.inv(information))), strict=True))
@@ -338,7 +338,8 @@ def adis(report: Report) -> None:
         inside: dict[int, list[bool]] = {1: [], 2: []}
         figure = Figure(figsize=(12, 4.2), layout="constrained")
         for axis in range(3):
-            series = {u: getattr(r, part)[:, axis] for u, r in records.items()}
+            most = CASES["adis"]["samples"]
+            series = {u: getattr(r, part)[:most, axis] for u, r in records.items()}
             n, dt = len(series[1]), 0.01
             fit = fitting.choose(ordinates(series[1], dt))
             taus = octave_taus(n, dt, most=0.1)

@@ -10,12 +10,12 @@ import base64
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 import jinja2
 import numpy as np
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import composed, default_config
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
@@ -48,7 +48,7 @@ from lbgc.train import TrainConfig
 from lbgc.units import DEG, HOUR
 from sim.generate import GenerateConfig
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("paper")
 DIRECTORY = Path("outputs/studies/paper")
 DEG_PER_H = DEG / HOUR
 MEDIAN = 0.67449
@@ -56,6 +56,7 @@ MEDIAN = 0.67449
 NAMES = ("baseline", "learned")
 
 
+@lru_cache
 def config(name: str, *options: str) -> GenerateConfig:
     left, whole = CASES["bias_left_deg_per_h"], CASES["bias_deg_per_h"]
     return default_config(
@@ -161,17 +162,19 @@ def experiment() -> Experiment:
 def allan(report: Report) -> Section:
     """One hour at every sample, as the authors took it."""
     data = generated(
-        config("allan", "recordings=1", "duration_s=3610", f"seed={CASES['seed'] + 3}")
-    )
+        config("allan", "recordings=1", "duration_s=3610", f"seed={CASES['seed'] + 3}",
+               f"rate_hz={CASES['allan_rate_hz']}")
+    )  # fmt: skip
+    dt = 1 / CASES["allan_rate_hz"]
     record = next(iter(data.records(np.arange(1))))
     taus = np.array(CASES["allan_taus_s"], float)
-    fine = np.geomspace(1 / 600, 1800, 60)
-    whole = np.unique((fine * 600).round()) / 600
+    fine = np.geomspace(dt, 1800, 60)
+    whole = np.unique((fine / dt).round()) * dt
     at, drawn_at = (
-        overlapping_deviation(record.gyro[None], 1 / 600, t) / DEG_PER_H for t in (taus, whole)
+        overlapping_deviation(record.gyro[None], dt, t) / DEG_PER_H for t in (taus, whole)
     )
     triad = config("test").imu.gyro.triad()
-    model = np.sqrt(triad.allan_variance(taus, 1 / 600)) / DEG_PER_H
+    model = np.sqrt(triad.allan_variance(taus, dt)) / DEG_PER_H
     arw = triad.N[0] / np.sqrt(taus) / DEG_PER_H
     rows = []
     for i, tau in enumerate(taus):
@@ -179,7 +182,7 @@ def allan(report: Report) -> Section:
         for axis, name in enumerate(figures.AXIS_NAMES):
             values = (published[axis], at[axis, i], model[axis, i], arw[i])
             rows.append([f"{tau:g} s, {name}", *(f"{v:.3g}" for v in values)])
-    curve = fine, np.sqrt(triad.allan_variance(fine, 1 / 600)) / DEG_PER_H
+    curve = fine, np.sqrt(triad.allan_variance(fine, dt)) / DEG_PER_H
     figure = figures.allan_deviation(whole, drawn_at, curve, EARTH_RATE / DEG_PER_H)
     worst = max(abs(np.log(float(r[3]) / float(r[1]))) for r in rows)
     report.summary["allan_model_over_paper_worst"] = float(np.exp(worst))

@@ -12,13 +12,12 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import yaml
-from common import Report
+from common import Report, cases
 from real import clean, files, fits, headings, spoiled
 
 from lbgc.errors import require_choice
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("realworld")
 DIRECTORY = "studies/realworld"
 
 

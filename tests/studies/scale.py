@@ -13,15 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import default_config
 
 import sim.generate
 from lbgc.data.store import Dataset
 from lbgc.data.windows import stack
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("scale")
 
 
 def made(options: list[str], recordings: int, path: Path) -> tuple[float, Dataset]:
@@ -78,9 +77,6 @@ def reading(report: Report, home: Path) -> None:
     report.summary |= {"checked_mb_per_s": rate, "in_memory_kb_a_recording": each}
     report.summary["checked_ms_a_recording"] = 1e3 * seconds / len(dataset)
 
-
-# A picture is no data, and here would only cost time.
-sim.generate.try_picture = lambda *_: None
 
 if __name__ == "__main__":
     with Report("studies/scale") as study, tempfile.TemporaryDirectory() as temporary:

@@ -12,8 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
-from common import Report
+from common import Report, cases
 from helpers import composed, default_config
 from scipy.stats import binom, norm
 from scoring import Scores, scored
@@ -36,7 +35,7 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
 from lbgc.train import TrainConfig
 
-CASES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+CASES = cases("swaying")
 FITTED_S = 600.0
 MODELS = {"unaided": "sway", "correction": "sway_correction"}
 

@@ -4,13 +4,13 @@ Everything here is the same for a real log and a simulated one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.signal
 
-from lbgc.data.record import Record
-from lbgc.data.windows import Windows
+from lbgc.data.record import Record, block_means
+from lbgc.data.windows import cut, joined
 from lbgc.estimators.static import mean
 from lbgc.metrics import heading_errors
 
@@ -55,20 +55,22 @@ def baseline_figures(record: Record, truth: float) -> np.ndarray:
     truth : rad, heading. Windows start every 10 s. (Turning them about the body's z axis would add
     nothing: the answer turns along, and the error stays.)
     """
-    sums = np.cumsum(np.r_[np.zeros((1, 6)), six_axes(record)], axis=0)
+    blocks = block_means(record, 1 / EVERY_S)
     table = []
     for window in WINDOWS_S:
-        size, every = round(window * record.rate_hz), round(EVERY_S * record.rate_hz)
-        start = np.arange(0, len(record.gyro) - size + 1, every)
-        means = ((sums[start + size] - sums[start]) / size)[:, None]
-        n = len(start)
-        windows = Windows(
-            means[..., :3], means[..., 3:], np.zeros((n, 1)), 1 / window,
-            *np.full((3, n), np.nan), np.zeros(n),
-        )  # fmt: skip
-        error = np.abs(np.rad2deg(heading_errors(mean(windows).heading, np.full(n, truth))))
+        size = round(window / EVERY_S)
+        each = [starting_at(blocks, i, size) for i in range(len(blocks.gyro) - size + 1)]
+        found = mean(joined([cut(own, window) for own in each])).heading
+        error = np.abs(np.rad2deg(heading_errors(found, np.full(len(found), truth))))
         table.append([*np.percentile(error, [50, 75, 90]), np.sqrt(np.mean(error**2))])
     return np.array(table)
+
+
+def starting_at(record: Record, first: int, samples: int) -> Record:
+    """A part of it."""
+    part = slice(first, first + samples)
+    own = {name: getattr(record, name)[part] for name in ("gyro", "accel", "plate_angle")}
+    return replace(record, **own)
 
 
 @dataclass(frozen=True)

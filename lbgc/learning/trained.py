@@ -1,0 +1,186 @@
+"""A trained model that answers what it was trained for and refuses all else: another latitude,
+window length, course of the plate, sensor, or unit than the one whose bias it learned.
+
+A network knows its training's data and says nothing of what lies beside: a model of one unit,
+asked about another, subtracts a bias that is not there and states the sigma of one that is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lbgc.data.plausible import mean_noise, residual, stated_errors
+from lbgc.data.record import Record
+from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE
+from lbgc.errors import InputError, build
+from lbgc.estimators.course import usable
+from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.learning import description
+from lbgc.learning.estimator import Learned
+from lbgc.sensor import streams
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import ImuModel
+
+_TURNS = np.deg2rad(1.0)
+_RESTS = np.deg2rad(0.01)
+_NEAR_DEG = 0.5
+_FEW = 3
+"""Units whose biases a model can learn by heart."""
+_ANOTHER = 18.4
+"""Chi-square of two degrees of freedom (a heading takes one of three) that a log of the unit's own
+exceeds once in 10,000 times."""
+_RESTING = ("static", "heading_scan")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is known of what a model is asked about, beside the windows."""
+
+    sensor: ImuConfig | None
+    protocol: str | None = None
+    units: tuple[int, int] | None = None
+    """A dataset's unit_seed and how many units it has; None of a real log."""
+    records: Sequence[Record] = ()
+    """A log's, whose rates say whose they are not."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """An estimator that refuses what its model was not trained for.
+
+    beside : why it refuses whatever the windows are; untrained : whether it answers all the same;
+    overridden : what it would have refused, gathered as it answers.
+    """
+
+    name: str
+    learned: Learned
+    said: dict[str, Any]
+    beside: tuple[InputError, ...] = ()
+    untrained: bool = False
+    overridden: dict[str, None] = field(default_factory=dict, compare=False)
+
+    @classmethod
+    def load(cls, run: str | Path, name: str | None = None) -> "Trained":
+        """Raises InputError where the model is damaged or of another format."""
+        learned, said = Learned.load(run), description.read(run)
+        return cls(learned.name if name is None else name, learned, said)
+
+    @property
+    def sensor(self) -> ImuConfig:
+        return build(ImuConfig, self.said["units"]["imu"])
+
+    @property
+    def meant_for(self) -> str:
+        low, high = self.said["latitude_deg"]
+        windows = self.said["training"]["windows_s"]
+        lengths = f"{min(windows):g} s" + (f" to {max(windows):g} s" if len(windows) > 1 else "")
+        place = f"latitudes {low:g} to {high:g} degrees"
+        if low == high:
+            place = f"latitude {low:g} degrees"
+        return f"{self.sensor.name}, protocol {self.said['protocol']}, {lengths}, {place}"
+
+    def asked(self, setting: Setting, untrained: bool) -> "Trained":
+        """The same, for use in this setting."""
+        beside = tuple(self._beside(setting))
+        name = f"{self.name} (untrained)" if untrained else self.name
+        return replace(self, name=name, beside=beside, untrained=untrained, overridden={})
+
+    def __call__(self, windows: Windows, imu: ImuModel | None = None) -> Estimate:
+        """Raises InputError where the setting, latitude, length or the plate's motion are none of
+        training's, unless that is overridden."""
+        wrong = [*self.beside, *self._within(windows)]
+        if wrong and not self.untrained:
+            raise wrong[0]
+        self.overridden.update(dict.fromkeys(map(str, wrong)))
+        return self.learned(windows, imu)
+
+    def _refusal(self, value: object, unit: str, why: str) -> InputError:
+        about = f"; it is meant for {self.meant_for} (untrained=true uses it all the same)"
+        return refusal(self.name, value, unit, why + about)
+
+    def _within(self, windows: Windows) -> list[InputError]:
+        low, high = self.said["latitude_deg"]
+        at = np.rad2deg(windows.latitude)
+        lengths = self.said["training"]["windows_s"]
+        found = []
+        far = at[(at < low - _NEAR_DEG) | (at > high + _NEAR_DEG)]
+        if len(far):
+            found.append(self._refusal(f"{far[0]:.4g}", "deg", "is no latitude of its"))
+        if not min(lengths) - 1e-6 <= windows.duration_s <= max(lengths) + 1e-6:
+            found.append(self._refusal(f"{windows.duration_s:g}", "s", "is no length of its"))
+        does, should = _motion(windows), _motion_of(self.said["protocol"])
+        if should is not None and does not in should:
+            found.append(self._refusal("a plate", "", f"that {does} is none of its"))
+        return found
+
+    def _beside(self, setting: Setting) -> list[InputError]:
+        found = []
+        own = self.said["units"]
+        if setting.sensor is not None and setting.sensor != self.sensor:
+            named = setting.sensor.name
+            what = "is not its sensor"
+            if named == self.sensor.name:
+                what += ", although of the same name: figures differ"
+            found.append(self._refusal(named, "", what))
+        rests = {setting.protocol, self.said["protocol"]} <= set(_RESTING)
+        if setting.protocol not in (None, self.said["protocol"]) and not rests:
+            found.append(self._refusal(setting.protocol, "", "is not its protocol"))
+        if not self._knows_units:
+            return found
+        if setting.units is not None and setting.units != (own["unit_seed"], own["units"]):
+            what = f"is another sensor than unit_seed={own['unit_seed']}, whose bias it learned"
+            found.append(self._refusal(f"unit_seed={setting.units[0]}", "", what))
+        for record in setting.records:
+            sigmas = self._off(record)
+            if sigmas is not None:
+                what = f"differs by {sigmas:.1f} sigma from all of the unit's whose bias it learned"
+                found.append(self._refusal(f"{record.name}'s mean rate", "", what))
+                break
+        return found
+
+    @property
+    def _knows_units(self) -> bool:
+        """Whether it was trained on so few units that it learned their very biases."""
+        gyro = self.sensor.gyro.triad()
+        return bool(self.said["units"]["units"] <= _FEW and any(gyro.bias_unit))
+
+    def _off(self, record: Record) -> float | None:
+        """Sigmas by which a resting recording's mean rate differs from any that the units it was
+        trained on can have; None where it does not by enough, or cannot be compared."""
+        if np.ptp(record.plate_angle) > _RESTS:
+            return None
+        own = self.said["units"]
+        gyro = self.sensor.gyro.triad()
+        rate, force = record.gyro.mean(axis=0), record.accel.mean(axis=0)
+        aside = stated_errors(replace(gyro, bias_unit=(0.0, 0.0, 0.0)), record.duration_s)
+        allowed = mean_noise(record.gyro) ** 2 + (1e-3 * EARTH_RATE) ** 2
+        if aside is not None:
+            allowed = allowed + aside**2
+        else:  # no other bias: what is left of the law is its slow noise
+            allowed = allowed + 2 * np.square(gyro.B) + np.square(gyro.K) * record.duration_s
+        chis = []
+        for unit in range(own["units"]):
+            errors = gyro.draw_unit(streams.unit(own["unit_seed"], unit))
+            chis.append(
+                residual(rate - errors.bias_unit, force, record.latitude, np.sqrt(allowed))[0]
+            )
+        return float(np.sqrt(min(chis))) if min(chis) > _ANOTHER else None
+
+
+def _motion(windows: Windows) -> str:
+    """What the plate does in windows, as a refusal says it."""
+    if np.ptp(windows.plate_angle, axis=1).max(initial=0.0) <= _TURNS:
+        return "rests"
+    _, resting = usable(windows.plate_angle)
+    return "turns and rests" if resting.mean() > 0.5 else "turns"
+
+
+def _motion_of(protocol: str) -> tuple[str, ...] | None:
+    """What it may do in this protocol; None where that is not known by the name."""
+    if protocol in _RESTING:
+        return ("rests",)
+    return ("turns", "turns and rests")

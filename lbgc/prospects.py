@@ -1,0 +1,71 @@
+"""What a training can win, said before it starts: by what of the bias repeats, and by the floor."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lbgc.bound import BoundConfig, bounds
+from lbgc.errors import InputError, build
+from lbgc.protocol import ProtocolConfig
+from lbgc.sensor.datasheet import ImuConfig
+
+LEAST_GAIN = 0.02
+"""Of the error: a gain below it is none; the floor itself is told to 1%."""
+
+
+def prospects(configuration: Mapping[str, Any], window_s: float) -> str | None:
+    """A sentence on what a network trained on this dataset can win over an estimator that is told
+    the sensor's model alone, on windows of this length; None where the floor cannot say it: at a
+    pole, on a base that sways, of a sensor without noise.
+
+    configuration : the dataset's.
+    """
+    imu = build(ImuConfig, configuration["imu"])
+    # what a session draws repeats as well where all recordings are of one
+    one_session = configuration["sessions"] == 1
+    repeating = ("unit", "session") if one_session else ("unit",)
+    lifetimes = repeating if configuration["units"] == 1 else ()
+    try:
+        plain, told = (_floor_deg(configuration, imu, known, window_s) for known in ((), lifetimes))
+    except (InputError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    if not 0 < told < np.inf or not 0 < plain < np.inf:
+        return None
+    gain = 1 - told / plain
+    whose = "one unit's" if configuration["units"] == 1 else f"{configuration['units']} units'"
+    begin = (
+        f"in {window_s:g} s no estimator that knows this sensor's model alone can do better than "
+        f"{plain:.3g} deg RMS; of {whose} recordings {_share(imu, lifetimes):.0%} of the gyro's "
+        "bias variance repeats, "
+    )
+    if gain < LEAST_GAIN:
+        return begin + "and no gain is to be had from learning it: at best a network does as well"
+    return begin + f"and who has learned it all comes to {told:.3g}: up to {gain:.0%} less"
+
+
+def _floor_deg(
+    configuration: Mapping[str, Any], imu: ImuConfig, known: tuple[str, ...], window_s: float
+) -> float:
+    asked = BoundConfig(
+        latitude=float(configuration["latitude"]),
+        height_m=float(configuration["height_m"]),
+        rate_hz=float(configuration["rate_hz"]),
+        windows_s=[window_s],
+        known=list(known),
+        imu=imu,
+        protocol=build(ProtocolConfig, configuration["protocol"]),
+    )
+    (row,) = bounds(asked, asked.protocol) or [{"floor_deg": np.nan}]
+    return row["floor_deg"]
+
+
+def _share(imu: ImuConfig, lifetimes: tuple[str, ...]) -> float:
+    """Of the horizontal gyros' bias variance, what is of these lifetimes; 0 where there is none."""
+    gyro = imu.gyro.triad()
+    variance = {
+        part: float(np.mean(np.square(getattr(gyro, f"bias_{part}")[:2])))
+        for part in ("unit", "session", "run")
+    }
+    total = sum(variance.values())
+    return sum(variance[part] for part in lifetimes) / total if total else 0.0
