@@ -70,7 +70,7 @@ def written(rng):
         for part, values in (("gyro", gyro), ("accel", accel))
     }
     sizes = bias_sizes(static, fits)
-    return yaml.safe_load(sensor_yaml("mine", (1.0, 3600.0), static, fits, None, sizes))
+    return yaml.safe_load(sensor_yaml("mine", static, fits, None, sizes))
 
 
 def test_a_log_states_its_biases_as_assumed_and_its_counts(rng, cli, tmp_path):

@@ -12,7 +12,6 @@ from lbgc.sensor.fitting import Fit, choose, judged
 from lbgc.sensor.ordinates import pooled
 from lbgc.sensor.profile import Estimate
 
-_FAST = ("N", "Q", "bandwidth", "damping")
 _HIDDEN = 0.9  # of a slow change, that counts may take away, above which they tell nothing of it
 
 
@@ -64,11 +63,11 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     may be seen too large or too small."""
     if seen.kind not in ("coarse", "memory"):
         return fit
+    coefficients = {shape.names[0] for shape in fit.shapes} - {"N", "Q"}
     estimates = {
-        name: e if name in _FAST or name.startswith(("line_f0", "line_width", "GM_T"))
-        else _blurred(e, seen.blur)
+        name: _blurred(e, seen.blur) if name in coefficients else e
         for name, e in fit.estimates.items()
-    }  # fmt: skip
+    }
     scale = seen.lsb * np.sqrt(dt)
     if seen.kind == "memory":
         estimates["N"] = _withheld(fit.estimates["N"])
