@@ -9,8 +9,10 @@ from test_logs import config, write
 
 from lbgc.data import logs
 from lbgc.data.pasted import Pasted, pasted
+from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError
 from lbgc.evaluate import EvaluateConfig
+from lbgc.frames import euler_to_matrix
 
 GYRO_COUNT, ACCEL_COUNT = np.deg2rad(0.001), 2e-3
 
@@ -147,3 +149,25 @@ def test_real_logs_are_read_as_before():
     assert [note.split(":")[0] for note in record.notes] == ["counts"]
     (record,) = logs.read(log, default_config("imu=lasergyro").imu.model(100.0))
     assert record.notes == ()  # that one carries the rest over
+
+
+def test_counts_that_carry_their_rest_over_nearly_repeat_and_are_not_pasted():
+    """A laser gyro at rest prints a few sums over and over; 60 s of it pasted are found."""
+    imu = default_config("imu=lasergyro").imu.model(10.0)
+    rng = np.random.default_rng(3)
+    lean = euler_to_matrix(0.01, 0.02, 0.3)
+    both = []
+    truths = (earth_rate_ned(0.5), [0.0, 0.0, -9.79])
+    for triad, truth in zip((imu.gyro, imu.accel), truths, strict=True):
+        errors = triad.draw_run(rng, triad.draw_unit(rng), triad.draw_session(rng))
+        both.append(triad.measure(rng, (lean.T @ truth)[:, None], errors, 18_000, 0.1)[0].T)
+    values = np.hstack(both).astype(float)
+    assert pasted(values) == []
+    values[9000:9600] = values[100:700]
+    assert (pasted(values)[0].first, pasted(values)[0].again) == (100, 9000)
+
+
+def test_a_triad_that_never_changes_is_noted():
+    values = resting(False)
+    values[:, :3] = values[:, :3].mean(axis=0)
+    assert any(n.startswith("counts: gyro x, y, z, which never change") for n in said(values))
