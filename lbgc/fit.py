@@ -105,7 +105,9 @@ def _require_steady(static: Static, corners: tuple[float, float]) -> None:
         require_steady(static)
     except InputError:
         gyro, accel = (
-            np.stack([[warmup.taken_out(x, static.dt, corners)[0] for x in r.T] for r in part])
+            np.stack(
+                [[warmup.taken_out(x, static.dt, corners, len(part))[0] for x in r.T] for r in part]
+            )
             for part in (static.gyro, static.accel)
         )
         require_steady(replace(static, gyro=gyro.swapaxes(1, 2), accel=accel.swapaxes(1, 2)))
