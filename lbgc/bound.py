@@ -36,7 +36,7 @@ from lbgc.protocol import ProtocolConfig, plan
 from lbgc.report.figures import bound_against_time, png
 from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
-from lbgc.sensor.dither import warnings
+from lbgc.sensor.dither import unstated, warnings
 from lbgc.sensor.imu import ImuModel
 
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
@@ -206,7 +206,8 @@ def main(config: BoundConfig) -> Path:
     if short:
         lengths = ", ".join(f"{w:g}" for w in short)
         print(f"windows of {lengths} s are too short for {config.protocol.name}")
-    for line in warnings(config.model, min(r["window_s"] for r in rows)):
+    shortest = min(r["window_s"] for r in rows)
+    for line in (*unstated(config.imu.model(config.rate_hz)), *warnings(config.model, shortest)):
         print(line)
     print(table(config, rows))
     print(budget_table(parts, longest["window_s"]))

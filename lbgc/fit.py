@@ -3,6 +3,7 @@
 python lbgc/fit.py log=csv log.path=mine.csv log.latitude=48.1 name=mine
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
-from lbgc.sensor import axes, warmup
+from lbgc.sensor import axes, corner, warmup
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting import Fit
 
@@ -37,8 +38,9 @@ class FitConfig:
     """Or a dataset of resting recordings, whose noise is pooled."""
     name: str = "mine"
     """Of the fitted sensor: `imu=NAME`."""
-    flicker_short_s: float = 1.0
-    """Corners of the bias instability's flat floor; a log says little about them."""
+    flicker_short_s: float | None = None
+    """Corners of the bias instability's flat floor. null: the shorter one is 1, or what the axes of
+    a sensor together ask for."""
     flicker_long_s: float = 3600.0
     """The longer one."""
     skip_s: float = 0.0
@@ -52,22 +54,28 @@ class FitConfig:
         given = "both" if self.log is not None else "nothing"
         require(one, "data or log", given, "give one: log=NAME, or data=PATH")
         require(self.name.isidentifier(), "name", self.name, "must be a plain word")
-        require_positive("flicker_short_s", self.flicker_short_s)
+        if self.flicker_short_s is not None:
+            require_positive("flicker_short_s", self.flicker_short_s)
         require(self.skip_s >= 0, "skip_s", self.skip_s, "must not be negative")
         if self.processes is not None:
             require(self.processes > 0, "processes", self.processes, "must be greater than zero")
         require(
-            self.flicker_long_s > self.flicker_short_s,
+            self.flicker_long_s > self.corners[0],
             "flicker_long_s",
             self.flicker_long_s,
-            f"must be above flicker_short_s = {self.flicker_short_s:g}",
+            f"must be above flicker_short_s = {self.corners[0]:g}",
         )
+
+    @property
+    def corners(self) -> tuple[float, float]:
+        """To begin with, s."""
+        return self.flicker_short_s or corner.USUAL, self.flicker_long_s
 
 
 def main(config: FitConfig) -> Path:
     """Fit every axis, print what was found, write the sensor and its plots; return their folder."""
     static = _read(config)
-    _require_steady(static, (config.flicker_short_s, config.flicker_long_s))
+    _require_steady(static, config.corners)
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
     fits = _fitted(static, config, directory / "axes")
     (directory / "imu").mkdir(exist_ok=True)
@@ -75,11 +83,10 @@ def main(config: FitConfig) -> Path:
     calibration = None
     if static.heading is not None and len(static.heading) >= calibrate.FEWEST:
         calibration = _calibrated(static)
-    corners = (config.flicker_short_s, config.flicker_long_s)
     sizes = bias_sizes(static, fits)
     if calibration is not None:
         del sizes["gyro"]
-    yaml = sensor_yaml(config.name, corners, static, fits, calibration, sizes)
+    yaml = sensor_yaml(config.name, static, fits, calibration, sizes)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
     write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
     for part in PARTS:
@@ -98,7 +105,9 @@ def _require_steady(static: Static, corners: tuple[float, float]) -> None:
         require_steady(static)
     except InputError:
         gyro, accel = (
-            np.stack([[warmup.taken_out(x, static.dt, corners)[0] for x in r.T] for r in part])
+            np.stack(
+                [[warmup.taken_out(x, static.dt, corners, len(part))[0] for x in r.T] for r in part]
+            )
             for part in (static.gyro, static.accel)
         )
         require_steady(replace(static, gyro=gyro.swapaxes(1, 2), accel=accel.swapaxes(1, 2)))
@@ -123,10 +132,28 @@ def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, lis
     """Every axis's fit. Each is written to the directory as soon as it is there, so that nothing
     is lost with what may fail later."""
     directory.mkdir(exist_ok=True)
-    corners = (config.flicker_short_s, config.flicker_long_s)
+    fits = _each_axis(static, config, directory, PARTS, config.corners)
+    for part in PARTS if config.flicker_short_s is None else ():
+        short = corner.chosen([fit.short_corners for fit in fits[part]])
+        if short != corner.USUAL:
+            corners = (short, config.flicker_long_s)
+            again = _each_axis(static, config, directory, (part,), corners)
+            if sum(f.bic for f in again[part]) < sum(f.bic for f in fits[part]):
+                print(f"{part}: the bias instability's shorter corner is {short:g} s, by the data")
+                fits |= again
+    return fits
+
+
+def _each_axis(
+    static: Static,
+    config: FitConfig,
+    directory: Path,
+    parts: Sequence[str],
+    corners: tuple[float, float],
+) -> dict[str, list[Fit]]:
     series = {
         (part, axis): np.ascontiguousarray(getattr(static, part)[:, :, axis])
-        for part in PARTS
+        for part in parts
         for axis in range(3)
     }
     done: dict[axes.Name, Fit] = {}
@@ -140,7 +167,7 @@ def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, lis
             text = as_json(of_axis(fit)) + "\n"
             write_atomically(directory / f"{name[0]}_{AXES[name[1]]}.json", text)
             bar.update()
-    return {part: [done[part, axis] for axis in range(3)] for part in PARTS}
+    return {part: [done[part, axis] for axis in range(3)] for part in parts}
 
 
 def _read(config: FitConfig) -> Static:

@@ -17,7 +17,7 @@ from lbgc.errors import build
 from lbgc.fit import FitConfig
 from lbgc.report import fitted
 from lbgc.report.fitted_yaml import sensor_yaml
-from lbgc.sensor import axes, fitting, gaussian, shapes
+from lbgc.sensor import axes, corner, fitting, gaussian, shapes
 from lbgc.sensor.cosines import Grid, density
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.noise import (
@@ -134,7 +134,7 @@ def test_several_lines_are_found_and_written_down(rng):
     static = Static("log", np.zeros((1, 100, 3)), np.zeros((1, 100, 3)), 0.01, 0.5, None, None)
     three = {part: [fit, plain, plain] for part in ("gyro", "accel")}
     assert fitted.report(static, three).count("narrow-band line") == 4
-    text = sensor_yaml("mine", (1.0, 3600.0), static, three)
+    text = sensor_yaml("mine", static, three)
     imu = build(ImuConfig, yaml.safe_load(text))
     for triad in (imu.gyro.triad(), imu.accel.triad()):
         lines = [t for t in triad.terms[0] if isinstance(t, Line)]
@@ -171,6 +171,28 @@ def test_processes_change_no_number(rng):
     beside = dict(axes.fitted(three, 1 / RATE, (1.0, 3600.0), 2))
     assert {name for name, _ in said} == set(three)
     assert {n: f.estimates for n, f in alone.items()} == {n: f.estimates for n, f in beside.items()}
+
+
+def test_the_corner_that_the_data_show_is_taken(rng):
+    """A bias instability that sets in at ten seconds, well above white noise: two axes say so
+    together. Where white noise covers it, the usual corner stays."""
+    plain, shown = ((White(0.02), Flicker(1.0, s)) for s in (1.0, 10.0))
+    found = {}
+    for name, terms in (("plain", plain), ("shown", shown), ("covered", (White(1.0),))):
+        fits = [
+            fitting.judged(y[None], data, fitting.choose(data))
+            for y in series(terms, rng, 1200, 2, 10)
+            for data in (ordinates(y, 0.1),)
+        ]
+        found[name] = corner.chosen([f.short_corners for f in fits])
+    assert found == {"plain": 1.0, "shown": 10.0, "covered": 1.0}
+
+
+def test_a_log_of_two_minutes_at_10_hz_is_fitted(rng):
+    """Twelve hundred samples, hardly two ordinates in a bin."""
+    n = fitting.choose(ordinates(series((White(1.0),), rng, 120, 1, 10)[0], 0.1)).estimates["N"]
+    assert n.low < 1.0 < n.high
+    assert FitConfig(data="x", flicker_short_s=3.0).corners == (3.0, 3600.0)
 
 
 def test_two_resonances_are_two_lines(rng):

@@ -48,6 +48,25 @@ def test_regular_holds_with_lost_rows_are_taken_once():
     assert len(found) == pytest.approx(N // 5, abs=2)
 
 
+def test_a_sample_that_is_held_for_a_row_more_now_and_then_tells_the_rate():
+    """33.2 Hz in a log of 100: every 83rd sample stands there four times."""
+    rows = noise(7)[np.floor(np.arange(N) * 0.332 + 1e-9).astype(int)]
+    _, rate, _ = sampled("x", rows, 100.0, "auto")
+    assert rate == pytest.approx(33.2, rel=1e-3)
+
+
+def test_nothing_is_dropped_where_repeats_may_be_samples():
+    """Coarse counts that are no holds stay, whatever is said; few repeats are dropped."""
+    coarse = counted(noise(8), 3.0)
+    assert len(sampled("x", coarse, 100.0, "drop")[0]) == N
+    some = noise(8)
+    some[100::100] = some[99:-1:100][: len(some[100::100])]
+    values, rate, _ = sampled("x", some, 100.0, "drop")
+    assert len(values) == N - 199
+    assert rate == pytest.approx(99.0, rel=1e-3)
+    assert len(sampled("x", some, 100.0, "auto")[0]) == N
+
+
 def test_columns_that_are_held_differently_become_means_over_the_same_time():
     """Gyros at every row, accelerometers at every other: white noise of 1 becomes 1/sqrt(2)."""
     rows = noise(2)
@@ -58,6 +77,13 @@ def test_columns_that_are_held_differently_become_means_over_the_same_time():
     sigma = np.array([np.sqrt(0.5)] * 3 + [1.0] * 3)
     np.testing.assert_allclose(values.std(axis=0), sigma, rtol=4 / np.sqrt(N))
     assert "the gyros' values hold for 1 rows, the accelerometers' for 2" in notes[0]
+
+
+def test_columns_of_too_different_rates_are_refused():
+    rows, k = noise(9), np.arange(N)
+    rows[:, :3], rows[:, 3:] = rows[k // 17, :3], rows[k // 19, 3:]
+    with pytest.raises(InputError, match="hold for 17 rows, the accelerometers' for 19"):
+        sampled("x", rows, 1000.0, "auto")
 
 
 def test_axes_that_take_turns_are_taken_once_each():

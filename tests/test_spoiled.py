@@ -1,5 +1,7 @@
 """What happened to samples on their way into a file: refused with the place, and never invented."""
 
+from dataclasses import replace
+
 import cases
 import numpy as np
 import pytest
@@ -9,8 +11,10 @@ from test_logs import config, write
 
 from lbgc.data import logs
 from lbgc.data.pasted import Pasted, pasted
+from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError
 from lbgc.evaluate import EvaluateConfig
+from lbgc.frames import euler_to_matrix
 
 GYRO_COUNT, ACCEL_COUNT = np.deg2rad(0.001), 2e-3
 
@@ -147,3 +151,45 @@ def test_real_logs_are_read_as_before():
     assert [note.split(":")[0] for note in record.notes] == ["counts"]
     (record,) = logs.read(log, default_config("imu=lasergyro").imu.model(100.0))
     assert record.notes == ()  # that one carries the rest over
+
+
+def test_counts_that_carry_their_rest_over_nearly_repeat_and_are_not_pasted():
+    """A laser gyro at rest prints a few sums over and over; 60 s of it pasted are found."""
+    imu = default_config("imu=lasergyro").imu.model(10.0)
+    rng = np.random.default_rng(3)
+    lean = euler_to_matrix(0.01, 0.02, 0.3)
+    both = []
+    truths = (earth_rate_ned(0.5), [0.0, 0.0, -9.79])
+    for triad, truth in zip((imu.gyro, imu.accel), truths, strict=True):
+        errors = triad.draw_run(rng, triad.draw_unit(rng), triad.draw_session(rng))
+        both.append(triad.measure(rng, (lean.T @ truth)[:, None], errors, 18_000, 0.1)[0].T)
+    values = np.hstack(both).astype(float)
+    assert pasted(values) == []
+    values[9000:9600] = values[100:700]
+    assert (pasted(values)[0].first, pasted(values)[0].again) == (100, 9000)
+
+
+def test_a_triad_that_never_changes_is_noted():
+    values = resting(False)
+    values[:, :3] = values[:, :3].mean(axis=0)
+    assert any(n.startswith("counts: gyro x, y, z, which never change") for n in said(values))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_recordings_at_several_headings_tell_a_mirrored_frame(tmp_path, mirrored):
+    turn = np.array([1.0, -1.0 if mirrored else 1.0, 1.0])
+    for heading in range(0, 360, 40):
+        _, gyro, accel = cases.static(100, 20, 32.76, heading, arw=0.02, seed=heading)
+        names = [f"{k}_{a}" for k in "wf" for a in "xyz"]
+        columns = np.hstack([np.rad2deg(gyro * turn), accel * turn]).T
+        write(tmp_path / f"x_{heading}.csv", dict(zip(names, columns, strict=True)))
+    log = config(tmp_path, reader="recordings", time_column=None, rate_hz=100.0, heading_deg=None)
+    if not mirrored:
+        assert not any(n.startswith("mirrored") for r in logs.read(log) for n in r.notes)
+        return
+    with pytest.raises(InputError, match=r"fall where their references rise.*axes=\[x,-y,z\]"):
+        list(logs.read(log))
+    records = list(logs.read(log, north=False))
+    assert sum(n.startswith("mirrored") for n in records[0].notes) == 1
+    own = replace(log, axes=["x", "-y", "z"], accel_axes=["x", "-y", "z"])
+    assert not any(n.startswith("mirrored") for r in logs.read(own) for n in r.notes)

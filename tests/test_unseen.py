@@ -289,3 +289,12 @@ def test_a_log_says_by_its_rates_that_it_is_another_units(unit_bias_run):
     asked = model.asked(Setting(None, records=[log]), False)
     with pytest.raises(InputError, match="sigma from all of the unit's whose bias it learned"):
         asked(windows)
+
+
+def test_bound_shouts_where_no_bias_is_stated(cli, tmp_path):
+    options = "windows_s=[10,20]", "imu=sdc500"
+    assert "NO BIAS IS STATED" not in cli("lbgc.bound", *options).out
+    none = [f"imu.gyro.bias_{life}_deg_per_h=0" for life in ("unit", "session", "run")]
+    done = cli("lbgc.bound", *options, *none)
+    assert done.code == 0, done.err
+    assert "NO BIAS IS STATED of the gyros (imu.gyro.bias_unit_deg_per_h" in done.out

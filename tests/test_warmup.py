@@ -82,6 +82,15 @@ def test_changes_on_top_of_a_bias_instability_leave_it(rng):
     assert (rest - rest.mean()).std() == pytest.approx(own.std(), rel=0.02)
 
 
+def test_several_recordings_warm_up_each_by_itself(rng):
+    series = np.stack([noise((White(1.0),), rng) + a * np.exp(-AT / 400) for a in (20, -15, 25)])
+    fit = resting.fitted(series, DT, (1.0, 3600.0))
+    assert [c.kind for c in fit.courses] == ["decay"] * 3
+    sizes = [c.size for c in fit.courses]
+    assert sizes == pytest.approx([20, -15, 25], abs=4.5 * 3 * np.sqrt(2 / 400))
+    assert fit.estimates["K"].is_limit
+
+
 def test_short_and_dead_series_have_none():
     assert warmup.found(np.arange(20.0), DT) is None
     assert warmup.found(np.ones(500), DT) is None

@@ -15,7 +15,8 @@ _SEED_ROWS = 5
 _SOME = 50_000
 """Rows by which a channel's values are counted."""
 _BY_CHANCE = 20
-"""Stretches above which their own lengths tell what chance does."""
+"""Stretches that chance may leave of a length; four times that length it never reaches."""
+_TIMES_CHANCE = 4
 
 
 @dataclass(frozen=True)
@@ -40,20 +41,30 @@ def pasted(values: np.ndarray) -> list[Pasted]:
     enough = _enough(values)
     if enough is None or n < 2 * enough:
         return []
-    seed = max(_SEED_ROWS, enough // 4)
-    sums = _sums(_row_hashes(values), seed)
+    hashes, seed, before = _row_hashes(values), _SEED_ROWS, n
+    found = _repeated(hashes, seed, enough)
+    # Chance is over where few stretches so long are left, or where longer ones are no fewer.
+    while len(found) > _BY_CHANCE and not (seed >= enough and len(found) > before / 2):
+        seed, before = 2 * seed, len(found)
+        if seed > _LONGEST_ROWS or n < 2 * seed:
+            return []
+        found = _repeated(hashes, seed, enough)
+    return [one for one in found if one.rows >= max(enough, _TIMES_CHANCE * seed)]
+
+
+def _repeated(hashes: np.ndarray, seed: int, enough: int) -> list[Pasted]:
+    first, again = _pairs(hashes, seed, max(seed, enough))
+    return _stretches(first, again, seed)
+
+
+def _pairs(hashes: np.ndarray, seed: int, apart: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows at which the same `seed` rows begin, at least so many rows apart."""
+    sums = _sums(hashes, seed)
     order = np.argsort(sums, kind="stable")
     alike = sums[order[1:]] == sums[order[:-1]]
     first, again = order[:-1][alike], order[1:][alike]
-    far = again - first >= enough
-    if far.sum() > n / 4:
-        return []
-    found = _stretches(first[far], again[far], seed)
-    if len(found) > _BY_CHANCE:
-        # By chance lengths fall off exponentially; what was pasted is far longer than most.
-        excess = np.median([one.rows - seed + 1 for one in found]) / np.log(2)
-        enough = max(enough, seed + int(2 * excess * (np.log(len(found)) + np.log(1e7))))
-    return [one for one in found if one.rows >= enough]
+    far = again - first >= apart
+    return first[far], again[far]
 
 
 def _enough(values: np.ndarray) -> int | None:

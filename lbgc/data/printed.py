@@ -155,7 +155,11 @@ def counts_finding(every: Sequence[Channel]) -> Finding | None:
     for triad in dict.fromkeys(c.name.split()[0] for c in every):
         own = [c for c in every if c.name.startswith(triad)]
         count = max((c.count for c in own if c.is_coarse), default=0.0)
-        if count == 0 or own[0].carried or len(own[0].values) < _FEWEST:
+        if own[0].carried or len(own[0].values) < _FEWEST:
+            continue
+        if all(len(c.distinct[0]) == 1 for c in own) and any(c.count > 0 for c in every):
+            parts.append(f"{listed([c.name for c in own])}, which never change, in counts")
+        if count == 0:
             continue
         own = [c for c in own if c.is_coarse or len(c.distinct[0]) == 1]
         parts.append(f"{listed([c.name for c in own])} in counts of {own[0].shown(count)}")
@@ -177,7 +181,7 @@ def held_finding(record: Record) -> Finding | None:
         # Where rows either repeat whole or change on every axis, it is no matter of coarse counts.
         shares[name] = float(same.mean()) if (same | moves).mean() > 0.98 else 0.0
     for name, other in (("gyros", "accelerometers"), ("accelerometers", "gyros")):
-        if shares[name] > 0.3 and shares[other] < 0.1 * shares[name]:
+        if 0.3 < shares[name] < 0.98 and shares[other] < 0.1 * shares[name]:
             rate = record.rate_hz * (1 - shares[name])
             says = f"the {name} print each value {1 / (1 - shares[name]):.3g} times on average, so "
             says += f"their noise is one of {rate:.4g} Hz"

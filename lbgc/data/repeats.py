@@ -8,6 +8,8 @@ from lbgc.data.held import FEWEST_CHANGES, Holds, dropped, holds, taken
 from lbgc.data.raw import Raw
 from lbgc.errors import InputError
 
+_MOST_ROWS = 200
+"""That are averaged where columns are held for different numbers of rows."""
 _ALWAYS = 0.99
 """Share of repeated stamps whose rows repeat too, for these to be no samples."""
 
@@ -41,19 +43,21 @@ def sampled(
     if repeats == "keep":
         return rows, rate_hz, []
     found = holds(rows)
+    if found.times > _MOST_ROWS and len(set(found.columns)) > 1:
+        about = f"of {name}: {_held(found)}; log each at its own rate, or log.repeats=keep"
+        raise InputError("log.repeats", "columns", "", about)
     if found.times > 1 and not found.irregular:
-        rate = rate_hz / found.times
+        values = taken(rows, found)
+        rate = rate_hz * _samples_a_row(len(values), len(rows), found.times)
         note = (
             f"held samples: {name}, where {_held(found)}, was read at {rate:.6g} Hz, the rate "
             f"of its samples, not at the log's {rate_hz:.6g} Hz"
         )
-        return taken(rows, found), rate, [note]
-    if repeats == "auto" and not found.irregular:
+        return values, rate, [note]
+    if found.irregular and (repeats == "auto" or not found.can_drop):
+        _refuse(name, found)
+    if repeats == "auto" or not found.can_drop:
         return rows, rate_hz, []
-    if repeats == "auto":
-        _refuse(name, found)
-    if found.irregular and not found.can_drop:
-        _refuse(name, found)
     kept = dropped(rows)
     rate = rate_hz * kept.sum() / len(kept)
     note = (
@@ -61,6 +65,12 @@ def sampled(
         f"(log.repeats=drop), and its {kept.sum()} samples taken as even, at {rate:.6g} Hz"
     )
     return rows[kept], rate, [note]
+
+
+def _samples_a_row(samples: int, rows: int, times: int) -> float:
+    """One in so many, or fewer where some are held for a row more; not more where rows are lost."""
+    fewer = samples * times < rows - 2 * times
+    return samples / rows if fewer else 1 / times
 
 
 def _held(found: Holds) -> str:

@@ -25,6 +25,8 @@ _THREE_SIGMA = 14.2
 """Chi-square of three degrees of freedom that is exceeded as seldom as 3 sigma: worth a note."""
 _RUINOUS = 0.5
 """Of Earth's horizontal rate: a bias that turns north by 30 degrees."""
+_NOTED = 0.1
+"""Of it: one that turns north by 6 degrees."""
 _TEN_TIMES = 10.0
 _FORWARD_DEG = 10.0
 _BLOCKS_S = (2.0, 5.0)
@@ -177,7 +179,7 @@ class Frames:
         chi, off = self.described
         if self.rest.stated is not None:
             return chi > _THREE_SIGMA
-        return off > 5 * float(self.rest.noise.max())
+        return off > max(5 * float(self.rest.noise.max()), _NOTED * self.rest.horizontal)
 
     @property
     def refutes(self) -> bool:

@@ -15,7 +15,6 @@ from lbgc.units import factor
 
 def sensor_yaml(
     name: str,
-    corners: tuple[float, float],
     static: Static,
     fits: dict[str, list[Fit]],
     calibration: Calibration | None = None,
@@ -38,8 +37,8 @@ def sensor_yaml(
     for which, part in enumerate(("gyro", "accel")):
         lines.append(f"{part}:")
         lines += [
-            f"  flicker_short_s: {corners[0]:g}",
-            f"  flicker_long_s: {corners[1]:g}",
+            f"  flicker_short_s: {fits[part][0].corners[0]:g}",
+            f"  flicker_long_s: {fits[part][0].corners[1]:g}",
         ]
         for parameter in KEYS:
             if not parameter.startswith("line_"):

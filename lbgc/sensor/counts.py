@@ -27,7 +27,8 @@ _BLOCKS = 256
 _SLOW = (0, 6, 30, 100)  # cosines that a slow mean may need
 _TONES = 4
 _LAGS = 30
-_MOST_SAMPLES = 200_000  # of a recording with tones, each of which is a row of its own
+_FIVE_SIGMA = 2.9e-7
+_MOST_SAMPLES = 200_000  # that are looked at one by one: for tones, and with them
 _QUIETEST = 0.04  # counts: less noise than this nothing tells
 _SEEN = 0.15  # standard error of ln sigma, above which the noise has a limit only
 
@@ -84,10 +85,11 @@ def judged(series: np.ndarray) -> Counts | None:
         return None
     y = np.asarray(series, float) / lsb
     y = np.round(y - y.min())
-    slow = _cosines(len(y), _SLOW[-2] + 1)
-    waves = _tones(y - y.mean())
-    design = np.column_stack([slow, waves]) if waves.size else slow
-    rest = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    some = y[:_MOST_SAMPLES]
+    slow = _cosines(len(some), _SLOW[-2] + 1)
+    waves = _tones(some - some.mean())
+    design = np.column_stack([slow, waves])
+    rest = some - design @ np.linalg.lstsq(design, some, rcond=None)[0]
     variance = float(np.var(rest)) - 1 / 12
     differences = float(np.mean(np.diff(rest) ** 2)) / 2 - 1 / 12
     carried = _carried(rest)
@@ -258,12 +260,29 @@ def _residuals(rows: _Rows, gamma: float, b: np.ndarray) -> np.ndarray:
 
 
 def _remembers(s: np.ndarray) -> bool:
-    """Whether residuals are correlated with those shortly before, by five standard errors."""
+    """Whether residuals are correlated with those shortly before, by five standard errors at one
+    of the lags or over them all.
+
+    Where few samples leave the commonest count, residuals are few and large, and their products at
+    a lag are events that one can count: with e = (sum s^2)^2/sum s^4 large residuals, e^2/n pairs
+    are expected at each lag, and their law is Poisson's."""
     n = len(s)
-    spectrum = np.abs(np.fft.rfft(s - s.mean(), 2 * n)) ** 2
+    s = s - s.mean()
+    spectrum = np.abs(np.fft.rfft(s, 2 * n)) ** 2
     covariance = np.fft.irfft(spectrum)[: _LAGS + 1]
     z = covariance[1:] / max(covariance[0], 1e-300) * np.sqrt(n)
-    return bool(np.abs(z).max() > 5 or abs(z.sum()) / np.sqrt(_LAGS) > 5)
+    events = np.sum(s**2) ** 2 / max(np.sum(s**4), 1e-300)
+    pairs = events**2 / n
+    return bool(_is_rare(z, pairs).any() or _is_rare(z.sum() / np.sqrt(_LAGS), pairs * _LAGS).any())
+
+
+def _is_rare(z: np.ndarray, expected: float) -> np.ndarray:
+    """Whether numbers of events that are z standard deviations off the expected one are as
+    improbable, by Poisson's law, as a normal number beyond 5."""
+    number = np.maximum(expected + z * np.sqrt(expected), 1e-9)
+    above = scipy.special.gammainc(number, expected)
+    below = scipy.special.gammaincc(number + 1, expected)
+    return np.minimum(above, below) < _FIVE_SIGMA
 
 
 def _batch_spread(rows: _Rows, gamma: float, b: np.ndarray, hessian: np.ndarray) -> float:

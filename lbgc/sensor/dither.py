@@ -72,6 +72,18 @@ def _refuse(triad: Triad, name: str, part: str, value: float, what: str, why: st
     )
 
 
+def unstated(imu: ImuModel) -> list[str]:
+    """What to say of a sensor none of whose gyro biases is stated, wherever a floor hangs on it."""
+    gyro = imu.gyro
+    if any(any(bias) for bias in (gyro.bias_unit, gyro.bias_session, gyro.bias_run)):
+        return []
+    return [
+        "NO BIAS IS STATED of the gyros (imu.gyro.bias_unit_deg_per_h, bias_session_deg_per_h, "
+        "bias_run_deg_per_h): it is taken as zero. At rest a bias turns north by itself over "
+        "Earth's horizontal rate, and these figures are too small by that"
+    ]
+
+
 def warnings(imu: ImuModel | None, mean_s: float) -> list[str]:
     """What to say of a sensor wherever its means' law is used: a plain sentence for what is assumed
     of it, and for each triad whose counts its noise does not shake. mean_s : s, the means that are

@@ -1,12 +1,12 @@
 """Which noise a static recording has: maximum likelihood, with profile-likelihood intervals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.fft
 
-from lbgc.sensor import gaussian, noise
+from lbgc.sensor import corner, gaussian, noise
 from lbgc.sensor.counts import Counts
 from lbgc.sensor.goodness import Goodness, judge
 from lbgc.sensor.instability import allan_minimum
@@ -42,6 +42,8 @@ class Fit:
     goodness: Goodness | None = None
     """How well the model explains the recording; None where that was not asked."""
     spectrum: Spectrum | None = None
+    short_corners: dict[float, float] = field(default_factory=dict)
+    """Twice the log-likelihood by the bias instability's shorter corner, s; see `corner`."""
     courses: tuple[Course, ...] = ()
     """What the mean does beyond noise: taken out before the noise was fitted."""
     counts: Counts | None = None
@@ -118,6 +120,8 @@ def _allowing(
     """White noise's interval, with an allowance for what the log does not show but may have: a
     filter too fast for it, a quantisation too fine. Models with one of these are weighed by
     Akaike's criterion, and the interval is that of the mixture."""
+    if n.is_limit or n.is_lower_limit:
+        return n
     white = next(s for s in shapes if s.names[0] == "N")
     others = [s for s in shapes if s is not white]
     options = []
@@ -132,10 +136,11 @@ def _allowing(
         likelihood = Likelihood(data, terms)
         p = np.log([begun.values[name] for name in likelihood.names])
         at = likelihood.names.index("N")
-        centres.append(p[at])
-        sigmas.append(np.sqrt(likelihood.covariance(p, keep=[at])[at, at]))
+        centres.append(max(p[at], centres[0] - 3))
+        sigma = np.sqrt(max(likelihood.covariance(p, keep=[at])[at, at], 0.0))
+        sigmas.append(min(sigma, 1.0))  # a factor of 2.7 either way is no knowledge at all
         gains.append(max(2 * (best - likelihood.value(p)), 0.0) - 2)
-    weights = np.exp(np.array(gains) / 2)
+    weights = np.exp((np.array(gains) - max(gains)) / 2)
     ends = mixture_quantiles(weights / weights.sum(), centres, sigmas, (0.025, 0.975, 0.95))
     return Estimate(n.value, *np.exp(ends).tolist())
 
@@ -153,7 +158,10 @@ def judged(series: np.ndarray, data: Ordinates, fit: Fit) -> Fit:
         wide = zip(estimates.items(), goodness.widening, strict=True)
         estimates = {name: widened(e, by) for (name, e), by in wide}
     spectrum = Spectrum(data.grid.f, data.power / data.count, model)
-    return replace(fit, estimates=estimates, goodness=goodness, spectrum=spectrum)
+    shorts = corner.profile(data, fit.shapes, values, fit.corners)
+    return replace(
+        fit, estimates=estimates, goodness=goodness, spectrum=spectrum, short_corners=shorts
+    )
 
 
 def _ramp(likelihood: Likelihood, p: np.ndarray) -> Estimate:

@@ -12,7 +12,6 @@ from lbgc.sensor.fitting import Fit, choose, judged
 from lbgc.sensor.ordinates import pooled
 from lbgc.sensor.profile import Estimate
 
-_FAST = ("N", "Q", "bandwidth", "damping")
 _HIDDEN = 0.9  # of a slow change, that counts may take away, above which they tell nothing of it
 
 
@@ -26,7 +25,7 @@ def fitted(
     floor; say : told what is being tried."""
     say("counts and warm-up")
     seen = counts.judged(series[0])
-    settled = [warmup.taken_out(one, dt, corners) for one in series]
+    settled = [warmup.taken_out(one, dt, corners, len(series)) for one in series]
     rest = np.stack([rest for rest, _ in settled])
     plain = pooled(rest, dt)
     rounding = 0.0 if seen is None else seen.rounding(dt)
@@ -64,11 +63,11 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     may be seen too large or too small."""
     if seen.kind not in ("coarse", "memory"):
         return fit
+    coefficients = {shape.names[0] for shape in fit.shapes} - {"N", "Q"}
     estimates = {
-        name: e if name in _FAST or name.startswith(("line_f0", "line_width", "GM_T"))
-        else _blurred(e, seen.blur)
+        name: _blurred(e, seen.blur) if name in coefficients else e
         for name, e in fit.estimates.items()
-    }  # fmt: skip
+    }
     scale = seen.lsb * np.sqrt(dt)
     if seen.kind == "memory":
         estimates["N"] = _withheld(fit.estimates["N"])

@@ -322,7 +322,10 @@ def first_guess(data: Ordinates, shape: Shape, name: str, given: dict[str, float
     top = data.f > 0.05 * data.f[-1]
     white = float(np.sqrt(np.sum(data.power[top]) / np.sum(data.count[top])))
     if name == "N":
-        return float(np.sqrt(np.median((data.power / data.count)[data.count > 2])))
+        several = data.count > 2  # of one, the median would be half the mean
+        if not several.any():
+            return white
+        return float(np.sqrt(np.median((data.power / data.count)[several])))
     if name == "Q":
         return white * np.sqrt(data.dt) / 10
     # As much as the lowest twenty coefficients hold, shared.

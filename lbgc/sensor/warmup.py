@@ -146,13 +146,17 @@ class _Likelihood:
 
 
 def found(
-    series: np.ndarray, dt: float, corners: tuple[float, float] = (1.0, 3600.0)
+    series: np.ndarray,
+    dt: float,
+    corners: tuple[float, float] = (1.0, 3600.0),
+    most: int = _BLOCKS,
 ) -> Course | None:
     """The course that one recording's mean takes beyond noise, or None.
 
-    series : (n,), unit; dt : s; corners : s, of the bias instability's floor.
+    series : (n,), unit; dt : s; corners : s, of the bias instability's floor; most : block means to
+    take at most.
     """
-    block = max(1, len(series) // _BLOCKS)
+    block = max(1, len(series) // most)
     blocks = len(series) // block
     if blocks < _FEWEST or np.ptp(series) == 0:
         return None
@@ -206,7 +210,8 @@ def _refined(
 
 def _at_its_sample(step: Course, series: np.ndarray, dt: float) -> Course:
     """The step moved to the sample at which it splits its neighbourhood best."""
-    reach = max(3, round((step.high - step.low) / dt) + 2 * (len(series) // _BLOCKS))
+    reach = max(3, round(max(step.high - step.time, step.time - step.low) / dt))
+    reach += max(1, len(series) // _BLOCKS) // 4
     middle = round(step.time / dt)
     first, last = max(0, middle - reach), min(len(series), middle + reach)
     around = np.asarray(series[first:last], float)
@@ -216,13 +221,18 @@ def _at_its_sample(step: Course, series: np.ndarray, dt: float) -> Course:
 
 
 def taken_out(
-    series: np.ndarray, dt: float, corners: tuple[float, float] = (1.0, 3600.0)
+    series: np.ndarray,
+    dt: float,
+    corners: tuple[float, float] = (1.0, 3600.0),
+    recordings: int = 1,
 ) -> tuple[np.ndarray, list[Course]]:
-    """A recording without the courses that its mean takes, and these. series : (n,), unit."""
+    """A recording without the courses that its mean takes, and these. series : (n,), unit;
+    recordings : of how many like it this is one: each is looked at as much more coarsely."""
+    most = max(_FEWEST, _BLOCKS // recordings)
     courses: list[Course] = []
     edges = np.arange(len(series) + 1) * dt
     while len(courses) < _MOST:
-        one = found(series, dt, corners)
+        one = found(series, dt, corners, most)
         if one is None:
             break
         courses.append(one)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from common import Report, cases
 from real import clean, files, fits, headings, spoiled
+from real.unseen import verdicts
 
 from lbgc.errors import require_choice
 
@@ -33,6 +34,11 @@ def readme(report: Report, _: Mapping) -> None:
         report.line(f"{key}: {found[key]}")
 
 
+def unseen(report: Report, config: Mapping, seed: int) -> None:
+    headings.low_signal(report, config, seed)
+    verdicts(report, config, seed)
+
+
 def parts(c: Mapping) -> dict[str, Callable[[Report], None]]:
     seed = c["seed"]
     return {
@@ -43,7 +49,7 @@ def parts(c: Mapping) -> dict[str, Callable[[Report], None]]:
         "speed": lambda r: fits.speed(r, c["speed"], seed),
         "floor": lambda r: headings.floor(r, c["floor"], seed),
         "leaning": lambda r: headings.leaning(r, c["leaning"], seed),
-        "unseen": lambda r: headings.low_signal(r, c["unseen"], seed),
+        "unseen": lambda r: unseen(r, c["unseen"], seed),
         "calibrate": lambda r: headings.calibrate(r, c["calibrate"]),
         "presets": lambda r: headings.presets(r, c),
         "real": lambda r: fits.real(r, c["real"]),
