@@ -5,8 +5,9 @@ import pytest
 import scipy.stats
 from test_fit import RATE, series
 
-from lbgc.data.static import Static, require_steady
+from lbgc.data.static import PARTS, Static, require_steady
 from lbgc.errors import InputError
+from lbgc.report.fitted import report
 from lbgc.sensor import fitting, shapes
 from lbgc.sensor.noise import AngleQuantisation, BandLimited, Flicker, Line, White
 from lbgc.sensor.ordinates import ordinates, pooled
@@ -54,6 +55,7 @@ def test_noise_that_grows_is_not_steady(rng):
     assert goodness.p_time < 1e-6
     assert goodness.fails
     assert "is not steady" in goodness.says
+    assert goodness.widening[0] > 3
 
 
 def test_three_close_lines_are_reached(rng):
@@ -69,6 +71,11 @@ def test_three_close_lines_are_reached(rng):
     by_hand = fitting.fit(data, terms, start)
     found = fitting.choose(data)
     assert found.bic < by_hand.bic + 10
+    still = np.zeros((1, 10, 3))
+    table = report(
+        Static("log", still, still, 0.01, 0.5, None, None), dict.fromkeys(PARTS, [found] * 3)
+    )
+    assert "lines overlap: together" in table
     n = found.estimates["N"]
     assert abs(n.value - 1) < 4.5 * (n.high - n.low) / (2 * 1.96)
 

@@ -12,7 +12,7 @@ from lbgc.sensor.fitting import Fit
 from lbgc.sensor.goodness import Goodness
 from lbgc.sensor.profile import Estimate
 from lbgc.sensor.search import half_power_ratio
-from lbgc.sensor.shapes import FIRST_ORDER_DAMPING
+from lbgc.sensor.shapes import FIRST_ORDER_DAMPING, is_line
 from lbgc.units import factor, unit_of
 
 # parameter -> the key of `conf/imu/`, for a gyro and for an accelerometer
@@ -50,11 +50,12 @@ WORDS = {
 
 def every_estimate(fit: Fit) -> dict[str, Estimate]:
     """What was estimated and what was taken as given, by name."""
-    given = {}
-    if "bandwidth" in fit.estimates and "damping" not in fit.estimates:
-        damping = FIRST_ORDER_DAMPING
-        given["damping"] = Estimate(damping, damping, damping, damping)
-    return {**fit.estimates, **given, "ramp": fit.ramp}
+    out: dict[str, Estimate] = {}
+    for name, e in fit.estimates.items():
+        out[name] = e
+        if name == "bandwidth" and "damping" not in fit.estimates:
+            out["damping"] = Estimate(*[FIRST_ORDER_DAMPING] * 4)
+    return {**out, "ramp": fit.ramp}
 
 
 def unnumbered(name: str) -> str:
@@ -79,6 +80,7 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                 plain = unnumbered(name)
                 e = half_power(fit) if name == "bandwidth" else e
                 lines.append(f"  {WORDS[plain]:30s} {spelled(e, KEYS[plain][which])}")
+            lines += [f"  {said}" for said in _together(fit, KEYS["line_sigma"][which])]
             key = KEYS["B"][which]
             lowest, tau = fit.allan_minimum
             minimum = f"{lowest / factor(key):.4g} {unit_of(key)} at {tau:.3g} s"
@@ -90,6 +92,29 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
             lines += [f"  {said}" for said in remarks(fit, which)]
             lines.append(f"  {'goodness of fit':30s} {explained(fit)}")
     return "\n".join(lines)
+
+
+def _together(fit: Fit, key: str) -> list[str]:
+    """Lines that overlap, which are one thing to look at: from where to where, and their rms."""
+    lines = [
+        [fit.estimates[name].value for name in shape.names]
+        for shape in fit.shapes
+        if is_line(shape)
+    ]
+    groups: list[list[list[float]]] = []
+    for one in sorted(lines, key=lambda line: line[1]):
+        last = groups[-1][-1] if groups else None
+        if last is not None and one[1] - last[1] < one[2] + last[2]:
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    out = []
+    for group in (g for g in groups if len(g) > 1):
+        low, high = min(f - w / 2 for _, f, w in group), max(f + w / 2 for _, f, w in group)
+        rms = float(np.sqrt(sum(s**2 for s, _, _ in group))) / factor(key)
+        what = f"{len(group)} lines overlap: together"
+        out.append(f"{what:30s} {rms:.4g} {unit_of(key)}, from {low:.4g} to {high:.4g} Hz")
+    return out
 
 
 def explained(fit: Fit) -> str:

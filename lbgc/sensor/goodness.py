@@ -104,7 +104,7 @@ def judge(
     each = [_p(*both) for both in (highest, squares, off)]
     spectrum = _together(each[0], each[1])
     frequency = _together(each[0], each[1], each[2])
-    p_time, unsteady = _steadiness(series, data, v)
+    p_time, unsteady, uneven = _steadiness(series, data, v)
     p_all = 1 - (1 - min(frequency[0], p_time)) ** 2
     bands = _bands(observed[0], data, edges)
     level = _LEVELS.index(16)
@@ -112,6 +112,9 @@ def judge(
     worst = bands[int(np.argmax(np.abs(scores[0][0])))]
     widening = _widening(observed[0], data.count, A, edges[-1])
     all_names = [name for s in shapes for name in s.names]
+    # Fast noise that comes and goes is known as well as its eighths agree.
+    fast = np.array([name == "N" or name.startswith("line_sigma") for name in likelihood.names])
+    widening = np.where(fast & (p_time < FAILS), np.maximum(widening, uneven), widening)
     wide = dict(zip(likelihood.names, widening, strict=True))
     return Goodness(
         float(p_all),
@@ -208,9 +211,9 @@ def _bands(powers: np.ndarray, data: Ordinates, edges: list[np.ndarray]) -> list
     return [Band(b.low_hz, b.high_hz, b.ratio, float(s)) for b, s in zip(out, scores, strict=True)]
 
 
-def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[float, Band]:
+def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[float, Band, float]:
     """Bartlett's test of the power in the log's eighths, in bands of three octaves of the whitened
-    series: (p, where it changes most)."""
+    series: (p, where it changes most, the eighths' scatter in the highest band over chance's)."""
     n, dt = data.n, data.dt
     k = np.arange(n)
     root = np.exp(np.interp(k, data.k, np.log(v) / 2))
@@ -228,16 +231,16 @@ def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[flo
             squares = scipy.fft.idct(inside, norm="ortho") ** 2
             energy[b, r] = [np.sum(e) for e in np.array_split(squares, _EIGHTHS)]
     if len(edges) == 1:
-        return 1.0, Band(0.0, 0.5 / dt, 1.0, 0.0)
+        return 1.0, Band(0.0, 0.5 / dt, 1.0, 0.0), 1.0
     flat = energy.reshape(len(energy), -1)
-    each = [
-        bartlett(e, (h - lo) / _EIGHTHS) for e, h, lo in zip(flat, edges, edges[1:], strict=False)
-    ]
+    freedom = [(high - low) / _EIGHTHS for high, low in pairwise(edges)]
+    each = [bartlett(e, d) for e, d in zip(flat, freedom, strict=True)]
     at = int(np.argmin(each))
     ratio = float(flat[at].max() / flat[at].mean())
     sigmas = float(scipy.stats.norm.isf(max(each[at], 1e-300)))
     where = Band(edges[at + 1] / (2 * n * dt), edges[at] / (2 * n * dt), ratio, sigmas)
-    return float(1 - (1 - min(each)) ** len(each)), where
+    scatter = float(np.std(flat[0]) / flat[0].mean() / np.sqrt(2 / freedom[0]))
+    return float(1 - (1 - min(each)) ** len(each)), where, scatter
 
 
 def bartlett(energy: np.ndarray, freedom: float) -> float:
