@@ -1,5 +1,7 @@
 """What happened to samples on their way into a file: refused with the place, and never invented."""
 
+from dataclasses import replace
+
 import cases
 import numpy as np
 import pytest
@@ -171,3 +173,23 @@ def test_a_triad_that_never_changes_is_noted():
     values = resting(False)
     values[:, :3] = values[:, :3].mean(axis=0)
     assert any(n.startswith("counts: gyro x, y, z, which never change") for n in said(values))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_recordings_at_several_headings_tell_a_mirrored_frame(tmp_path, mirrored):
+    turn = np.array([1.0, -1.0 if mirrored else 1.0, 1.0])
+    for heading in range(0, 360, 40):
+        _, gyro, accel = cases.static(100, 20, 32.76, heading, arw=0.02, seed=heading)
+        names = [f"{k}_{a}" for k in "wf" for a in "xyz"]
+        columns = np.hstack([np.rad2deg(gyro * turn), accel * turn]).T
+        write(tmp_path / f"x_{heading}.csv", dict(zip(names, columns, strict=True)))
+    log = config(tmp_path, reader="recordings", time_column=None, rate_hz=100.0, heading_deg=None)
+    if not mirrored:
+        assert not any(n.startswith("mirrored") for r in logs.read(log) for n in r.notes)
+        return
+    with pytest.raises(InputError, match=r"fall where their references rise.*axes=\[x,-y,z\]"):
+        list(logs.read(log))
+    records = list(logs.read(log, north=False))
+    assert sum(n.startswith("mirrored") for n in records[0].notes) == 1
+    own = replace(log, axes=["x", "-y", "z"], accel_axes=["x", "-y", "z"])
+    assert not any(n.startswith("mirrored") for r in logs.read(own) for n in r.notes)

@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from lbgc.data.findings import Finding
+from lbgc.data.findings import CHECKS, Finding
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.plausible import force_finding, rate_finding, resting
 from lbgc.data.printed import channels, counts_finding, held_finding, rail_finding
 from lbgc.data.record import Record
+from lbgc.data.references import FEWEST, agree, turning_finding
 from lbgc.data.spoiled import outliers_finding, pasted_finding, stuck_finding
 from lbgc.data.triads import (
     Frames,
@@ -64,15 +65,24 @@ def _findings(
 
 
 def together(records: Sequence[Record], config: LogConfig, north: bool = True) -> list[Record]:
-    """The recordings of one log: what many of them say is said once, by the first."""
+    """The recordings of one log: what many of them say is said once, by each alike.
+
+    Raises InputError where headings go against their references.
+    """
+    turning = turning_finding(records, config, north)
+    settled = [] if turning is None else [turning.settled(config.accept)]
+    known = turning is None and len(records) >= FEWEST and agree(records)
     said: dict[str, tuple[str, int]] = {}
     for record in records:
         for note in record.notes:
             check = note.split(":", 1)[0]
-            first, count = said.get(check, (note, 0))
-            said[check] = (first, count + 1)
+            if check == "mirrored" and (known or turning is not None):
+                continue
+            key = check if check in CHECKS else note
+            first, count = said.get(key, (note, 0))
+            said[key] = (first, count + 1)
     notes = tuple(
-        first if count in (1, len(records)) else f"{first} ({count} of {len(records)} recordings)"
+        first if count == len(records) else f"{first} ({count} of {len(records)} recordings)"
         for first, count in said.values()
     )
-    return [replace(record, notes=notes) for record in records]
+    return [replace(record, notes=(*notes, *settled)) for record in records]
