@@ -139,7 +139,7 @@ def _allowing(
         centres.append(max(p[at], centres[0] - 3))
         sigma = np.sqrt(max(likelihood.covariance(p, keep=[at])[at, at], 0.0))
         sigmas.append(min(sigma, 1.0))  # a factor of 2.7 either way is no knowledge at all
-        gains.append(max(2 * (best - likelihood.value(p)), 0.0) - 1)
+        gains.append(max(2 * (best - likelihood.value(p)), 0.0))
     weights = np.exp((np.array(gains) - max(gains)) / 2)
     ends = mixture_quantiles(weights / weights.sum(), centres, sigmas, (0.025, 0.975, 0.95))
     return Estimate(n.value, *np.exp(ends).tolist())
