@@ -21,6 +21,8 @@ def prospects(configuration: Mapping[str, Any], window_s: float) -> str | None:
 
     configuration : the dataset's.
     """
+    if configuration["scene"]["sway"]["level"] != 0:
+        return None
     imu = build(ImuConfig, configuration["imu"])
     # what a session draws repeats as well where all recordings are of one
     one_session = configuration["sessions"] == 1

@@ -109,7 +109,8 @@ def test_a_bias_is_called_one_before_any_unit(tmp_path):
         assert "it would make sense" not in said
         assert "Earth's rate would be there" not in said
         list(read(case(tmp_path / f"{name}.csv"), north=False))
-        list(read(case(tmp_path / f"{name}.csv", bias_limit_deg_per_h=3000.0)))
+        stated = float(said.split("log.bias_limit_deg_per_h=")[1].split(" ")[0].rstrip(";"))
+        list(read(case(tmp_path / f"{name}.csv", bias_limit_deg_per_h=stated)))
 
 
 @pytest.mark.parametrize("stated", ["deg/s", "rad/s", "deg/h", "mrad/s"])

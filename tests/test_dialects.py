@@ -231,7 +231,8 @@ def test_a_stated_rate_is_taken_where_there_is_no_time(tmp_path):
         ("field.linear_acceleration.y", ("accel", "y", None)), ("TimeUS", ("time", None, "us")),
         ("Time since start in ms", ("time", None, "ms")), ("Temp", (None, None, None)),
         ("angular_velocity_covariance_0", (None, None, None)), ("Mag_X", (None, None, None)),
-        ("gz (g)", (None, None, "g")), ("x", (None, None, None)),
+        ("ωz [°/s]", ("gyro", "z", "deg/s")), ("gz (g)", (None, None, "g")),
+        ("x", (None, None, None)),
     ],
 )  # fmt: skip
 def test_names_are_understood(name, says):

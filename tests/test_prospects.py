@@ -44,7 +44,9 @@ def test_nor_what_repeats_in_units_that_are_many_nor_what_a_turn_shows():
     assert "no gain is to be had" in said(*bias(1.0, 0.0), "protocol=two_position")
 
 
-@pytest.mark.parametrize("options", [("latitude=90",), ("latitude=-89.99999",), ("imu=ideal",)])
+@pytest.mark.parametrize(
+    "options", [("latitude=90",), ("latitude=-89.99999",), ("imu=ideal",), ("scene=vehicle",)]
+)
 def test_where_the_floor_says_nothing_nor_does_it(options):
     text = said(*options)
     assert text is None or "no gain" in text

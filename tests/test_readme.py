@@ -1,56 +1,40 @@
 """Every command of the README runs, at reduced size, in the README's order and one directory."""
 
-import os
 import re
 import shlex
 import subprocess
 import sys
 
-import numpy as np
 import pytest
-from helpers import REAL_LOGS, ROOT
+from helpers import ROOT
+from readme_commands import COMMANDS, README, blocks, furnish, lacking, run
 
-README = (ROOT / "README.md").read_text()
 SMALLER = {
-    "sim/generate.py": ["recordings=10", "duration_s=30"],
     "sim/scene.py": ["width=160", "height=48", "duration_s=4", "protocol.slew_deg_per_s=180",
                      "protocol.slew_deg_per_s2=360"],
     "lbgc/train.py": ["steps=2", "validate_every=1", "windows_s=[10]", "batch=4"],
     "lbgc/evaluate.py": ["windows_s=[10]"],
-    "lbgc/fit.py": [],
-    "lbgc/bound.py": ["windows_s=[30]"],
-    "lbgc/calibrate.py": [],
-    "lbgc/info.py": [],
-    "lbgc/export.py": [],
-    "lbgc/compare.py": [],
+    "lbgc/bound.py": ["windows_s=[240]"],
 }  # fmt: skip
-NEEDS = {"log=lasergyro": "lasergyro.imu"}
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.M | re.S)
-
-
-COMMANDS = [line for block in blocks("bash") for line in block.splitlines() if line.strip()]
+def smaller(command: str) -> list[str]:
+    """Options that make a command cheap, and what it does the same: fewer recordings, whose length
+    decides whether a plate comes to rest in them; shorter ones of what sways, which costs most."""
+    script = shlex.split(command)[1]
+    if script == "sim/generate.py":
+        few = "recordings=10" if "out=" in command else "recordings=2"
+        return [few, "duration_s=30"] if "scene" in command else [few]
+    if "turned.zarr" in command:
+        return ["windows_s=[240]"]
+    return SMALLER.get(script, [])
 
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """A user's directory: the README's own files, and a log with the columns it names."""
     home = tmp_path_factory.mktemp("readme")
-    for block in blocks("yaml"):
-        path = home / block.splitlines()[0].removeprefix("# ")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(block)
-    rows = np.tile([0.0, -0.0028, -0.0031, 0.0, 0.0, -1.0], (12_000, 1))
-    rows += np.random.default_rng(1).standard_normal(rows.shape) * ([1e-3] * 3 + [1e-4] * 3)
-    header = "w_x,w_y,w_z,f_x,f_y,f_z"
-    turned = np.column_stack([np.arange(0, 360, 10), np.zeros((36, 3))])
-    names = "heading_deg,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
-    turned[:, 1], turned[:, 2] = (0.0035 * f(np.deg2rad(turned[:, 0])) for f in (np.cos, np.sin))
-    turned[:, 2] *= -1
-    np.savetxt(home / "mymeans.csv", turned, delimiter=",", header=names, comments="")
-    np.savetxt(home / "mylog.csv", rows, delimiter=",", header=header, comments="")
+    furnish(home, 12_000)
     return home
 
 
@@ -60,23 +44,11 @@ def test_the_readme_has_its_commands():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_command_runs(command, home):
-    for option, recording in NEEDS.items():
-        if option in command and not (REAL_LOGS / recording).exists():
-            pytest.skip(f"needs the recording {recording} under $LBGC_REAL_LOGS")
-    words = shlex.split(command)
-    if words[0] == "make":
-        words, where = ["make", "-n", *words[1:]], ROOT
-    elif words[0] == "source":
-        words, where = ["bash", "-c", f"test -d {words[1].split('/')[0]} && {command}"], ROOT
-    else:
-        assert words[0] == "python"
-        script = words[1]
-        words = [sys.executable, str(ROOT / script), *words[2:], *SMALLER[script]]
-        where = home
-    renders = "sim/scene.py" in command
-    environment = dict(os.environ) if renders else os.environ | {"MUJOCO_GL": "disable"}
-    done = subprocess.run(words, cwd=where, capture_output=True, text=True, env=environment)
-    if renders and "cannot render here" in done.stderr:
+    missing = lacking(command)
+    if missing is not None:
+        pytest.skip(f"needs the recording {missing} under $LBGC_REAL_LOGS")
+    done = run(command, home, smaller(command) if command.startswith("python") else [])
+    if "sim/scene.py" in command and "cannot render here" in done.stderr:
         pytest.skip("needs OpenGL without a display, as the README says")
     assert done.returncode == 0, done.stderr
 

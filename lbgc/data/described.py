@@ -90,6 +90,7 @@ def described(name: str, units_row: str = "") -> Described:
     found = _BRACKETS.match(name)
     if found and said is None:
         base, said = found[1], unit(found[2])
+    base = base.replace("\N{GREEK SMALL LETTER OMEGA}", "w")
     words = [word.lower() for word in _WORDS.findall(base)]
     words, suffix = _without_unit(words)
     said = said or suffix

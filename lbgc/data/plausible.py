@@ -204,7 +204,8 @@ def rate_finding(rest: Resting, config: LogConfig, rate_hz: float, north: bool) 
     says = f"{said}a bias of at least {bias * PER_HOUR:.3g}, above the largest that is thought "
     says += f"possible ({limit:.4g}); Earth's horizontal rate here is "
     says += f"{rest.horizontal * PER_HOUR:.3g}, so such a bias hides north from a resting IMU. "
-    says += "If this sensor may have it, state a higher limit"
+    enough = float(f"{1.5 * (bias + 5 * float(rest.noise.max())) * PER_HOUR:.1g}")
+    says += f"If this sensor may have it, say so: log.bias_limit_deg_per_h={enough:g}"
     if rest.unsteady > 0.5 * bias:
         says += "; if it moved meanwhile, cut the log to where it rests"
     elif named:

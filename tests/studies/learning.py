@@ -255,7 +255,9 @@ def _curve(points: dict[float, list[tuple[float, float]]]) -> Figure:
     shares = list(points)
     for i, (window, colour) in enumerate(
         zip(
-            CASES["windows_s"], ("#9ecae1", "#6baed6", "#3182bd", "#08519c", "#08306b"), strict=True
+            CASES["windows_s"],
+            ("#9ecae1", "#6baed6", "#3182bd", "#08519c", "#08306b"),
+            strict=False,
         )
     ):
         axes.plot(shares, [100 * points[s][i][1] for s in shares], color=colour, linewidth=1)

@@ -1,0 +1,66 @@
+"""The README's commands, and the directory of a user who types them."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from helpers import REAL_LOGS, ROOT
+
+README = (ROOT / "README.md").read_text()
+NEEDS = {"log=lasergyro": "lasergyro.imu"}
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.M | re.S)
+
+
+COMMANDS = [line for block in blocks("bash") for line in block.splitlines() if line.strip()]
+
+
+def furnish(home: Path, rows: int) -> None:
+    """The README's own files, and logs with the columns that it names: so many rows at 100 Hz."""
+    for block in blocks("yaml"):
+        path = home / block.splitlines()[0].removeprefix("# ")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(block)
+    mean = [0.0, -0.0028, -0.0031, 0.0, 0.0, -1.0]
+    spread = [1e-3] * 3 + [1e-4] * 3
+    log = mean + np.random.default_rng(1).standard_normal((rows, 6)) * spread
+    turned = np.column_stack([np.arange(0, 360, 10), np.zeros((36, 3))])
+    names = "heading_deg,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
+    turned[:, 1], turned[:, 2] = (0.0035 * f(np.deg2rad(turned[:, 0])) for f in (np.cos, np.sin))
+    turned[:, 2] *= -1
+    np.savetxt(home / "mymeans.csv", turned, delimiter=",", header=names, comments="")
+    header = "w_x,w_y,w_z,f_x,f_y,f_z"
+    np.savetxt(home / "mylog.csv", log, delimiter=",", header=header, comments="", fmt="%.7g")
+
+
+def lacking(command: str) -> str | None:
+    """The recording that a command needs and this machine has not."""
+    for option, recording in NEEDS.items():
+        if option in command and not (REAL_LOGS / recording).exists():
+            return recording
+    return None
+
+
+def run(
+    command: str, home: Path, options: Sequence[str] = (), only_say: bool = True
+) -> subprocess.CompletedProcess:
+    """Type it there, these options behind it; only_say : of `make`, whose rules are said and not
+    carried out."""
+    words = shlex.split(command)
+    if words[0] == "make":
+        words, home = ["make", *(["-n"] if only_say else []), *words[1:]], ROOT
+    elif words[0] == "source":
+        words, home = ["bash", "-c", f"test -d {words[1].split('/')[0]} && {command}"], ROOT
+    else:
+        assert words[0] == "python"
+        words = [sys.executable, str(ROOT / words[1]), *words[2:], *options]
+    renders = "sim/scene.py" in command
+    environment = dict(os.environ) if renders else os.environ | {"MUJOCO_GL": "disable"}
+    return subprocess.run(words, cwd=home, capture_output=True, text=True, env=environment)
