@@ -198,7 +198,7 @@ def said(
             continue
         lengths = ", ".join(f"{v.window_s:g}" for v in own)
         floors = ", ".join(f"{v.floor_deg:.3g}" for v in own)
-        least = f"the least RMSE to be expected of any estimator is {floors} degrees"
+        least = f"the least RMSE to be expected on a base that is still is {floors} degrees"
         if can:
             lines.append(f"North can be found: {whose}, windows of {lengths} s: {least}")
             continue

@@ -12,7 +12,7 @@ from lbgc.sensor.fitting import Fit
 from lbgc.sensor.goodness import Goodness
 from lbgc.sensor.profile import Estimate
 from lbgc.sensor.search import half_power_ratio
-from lbgc.sensor.shapes import FIRST_ORDER_DAMPING, is_line
+from lbgc.sensor.shapes import given_damping, is_line
 from lbgc.units import factor, unit_of
 
 # parameter -> the key of `conf/imu/`, for a gyro and for an accelerometer
@@ -54,7 +54,8 @@ def every_estimate(fit: Fit) -> dict[str, Estimate]:
     for name, e in fit.estimates.items():
         out[name] = e
         if name == "bandwidth" and "damping" not in fit.estimates:
-            out["damping"] = Estimate(*[FIRST_ORDER_DAMPING] * 4)
+            white = next(s for s in fit.shapes if s.names[0] == "N")
+            out["damping"] = Estimate(*[given_damping(white)] * 4)
     return {**out, "ramp": fit.ramp}
 
 

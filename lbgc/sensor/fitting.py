@@ -119,7 +119,7 @@ def _allowing(
 ) -> Estimate:
     """White noise's interval, with an allowance for what the log does not show but may have: a
     filter too fast for it, a quantisation too fine. Models with one of these are weighed by
-    Akaike's criterion, and the interval is that of the mixture."""
+    their likelihood, and the interval is that of the mixture."""
     if n.is_limit or n.is_lower_limit:
         return n
     white = next(s for s in shapes if s.names[0] == "N")
@@ -139,7 +139,7 @@ def _allowing(
         centres.append(max(p[at], centres[0] - 3))
         sigma = np.sqrt(max(likelihood.covariance(p, keep=[at])[at, at], 0.0))
         sigmas.append(min(sigma, 1.0))  # a factor of 2.7 either way is no knowledge at all
-        gains.append(max(2 * (best - likelihood.value(p)), 0.0) - 2)
+        gains.append(max(2 * (best - likelihood.value(p)), 0.0))
     weights = np.exp((np.array(gains) - max(gains)) / 2)
     ends = mixture_quantiles(weights / weights.sum(), centres, sigmas, (0.025, 0.975, 0.95))
     return Estimate(n.value, *np.exp(ends).tolist())

@@ -72,8 +72,11 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     if seen.kind == "memory":
         estimates["N"] = _withheld(fit.estimates["N"])
     else:
-        ends = (seen.sigma, seen.low, seen.high, seen.upper)
-        estimates["N"] = Estimate(*(float(end * scale) for end in ends))
+        # What the log does not show but may have (a filter too fast for it) it has here, too.
+        e, value = fit.estimates["N"], seen.sigma * scale
+        room = 1.0 if e.is_limit or e.is_lower_limit else e.high / e.value
+        high, upper = (max(end * scale, value * room) for end in (seen.high, seen.upper))
+        estimates["N"] = Estimate(value, seen.low * scale, float(high), float(upper))
     return replace(fit, estimates=estimates, ramp=_blurred(fit.ramp, seen.blur))
 
 

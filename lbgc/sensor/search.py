@@ -18,20 +18,21 @@ import scipy.ndimage
 from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.ordinates import Ordinates
 from lbgc.sensor.shapes import (
+    BUTTERWORTH_WHITE,
     FILTERED_WHITE,
     FIRST_ORDER,
-    FIRST_ORDER_DAMPING,
     GAUSS_MARKOV,
     QUANTISATION,
     Shape,
     core,
+    given_damping,
     is_line,
     line,
     poles,
     renumbered,
 )
 
-_COSTS = {"Q": 8.0, "N": 12.0, "GM_sigma": 15.0, "line_sigma": 34.0}
+_COSTS = {"Q": 8.0, "N": 17.0, "fast": 8.0, "GM_sigma": 17.0, "line_sigma": 34.0}
 """What a term must gain in twice the log-likelihood: chi-squared with its parameters' number of
 degrees of freedom exceeds that in a few of a thousand logs; a line's, over all places and widths
 where one could be."""
@@ -104,9 +105,12 @@ def try_out(
 
 def _needed(shapes: list[Shape]) -> float:
     """What all optional terms together must gain."""
-    plain = ("N",), ("B",), ("K",)
-    named = (s.names[0] if not is_line(s) else "line_sigma" for s in shapes if s.names not in plain)
-    return sum(_COSTS[name] for name in named)
+    total = 0.0
+    for shape in shapes:
+        if shape.names not in (("N",), ("B",), ("K",)):
+            name = "line_sigma" if is_line(shape) else shape.names[0]
+            total += _COSTS["fast" if shape.names == BUTTERWORTH_WHITE.names else name]
+    return total
 
 
 def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
@@ -122,10 +126,12 @@ def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
         yield from shape.names
 
 
-def is_sensible(values: dict[str, float], data: Ordinates) -> bool:
+def is_sensible(trial: Trial, data: Ordinates) -> bool:
     """Whether each part is what its name says, and does not mend another part's shape: a line is
     narrow, a Gauss-Markov process slower than the samples and not the whole log, and a filter lets
-    half of the power through at a frequency that the log holds."""
+    half of the power through at a frequency that the log holds, or, where its damping is given, at
+    one that still shows in what the means over samples let through."""
+    values = trial.values
     duration = data.n * data.dt
     time = values.get("GM_T", 0.1 * duration)
     narrow = all(
@@ -133,8 +139,12 @@ def is_sensible(values: dict[str, float], data: Ordinates) -> bool:
         for name, f0 in values.items()
         if name.startswith("line_f0")
     )
-    ratio = half_power_ratio(values.get("damping", FIRST_ORDER_DAMPING))
-    shows = ratio * values.get("bandwidth", 0.0) < 0.75 / data.dt
+    shows = True
+    if "bandwidth" in values:
+        white = trial.white
+        damping = values["damping"] if "damping" in values else given_damping(white)
+        most = 20.0 if white is BUTTERWORTH_WHITE else 0.75
+        shows = half_power_ratio(damping) * values["bandwidth"] < most / data.dt
     return narrow and shows and 10 * data.dt <= time <= 0.3 * duration
 
 
@@ -150,7 +160,7 @@ def _best(data: Ordinates, options: Sequence[Option]) -> list[Trial]:
     rough = [try_out(data, *option, rough=True) for option in options]
     rough = sorted((t for t in rough if np.isfinite(t.cost)), key=lambda t: t.cost)[:2]
     fine = [try_out(data, t.shapes, t.values) for t in rough]
-    return sorted((t for t in fine if is_sensible(t.values, data)), key=lambda t: t.cost)
+    return sorted((t for t in fine if is_sensible(t, data)), key=lambda t: t.cost)
 
 
 def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
@@ -192,6 +202,8 @@ def _extensions(data: Ordinates, best: Trial) -> Iterator[Option]:
     others = [s for s in best.shapes if s is not best.white]
     unfiltered = len(best.white.names) == 1
     if unfiltered:
+        yield [BUTTERWORTH_WHITE, *others], {**known, "bandwidth": 2 / data.dt}
+    if unfiltered or best.white is BUTTERWORTH_WHITE:
         for b in (0.1, 0.3, 0.6):
             yield [FILTERED_WHITE, *others], {**known, "bandwidth": b / data.dt, "damping": 0.7}
     elif best.white is FILTERED_WHITE and best.values["damping"] > 0.9:

@@ -55,6 +55,7 @@ QUANTISATION = Shape(("Q",), AngleQuantisation)
 GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
 FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
 BUTTERWORTH_WHITE = Shape(("N", "bandwidth"), BandLimited)
+"""The same with the usual damping: of a filter faster than the samples no more shows than that."""
 FIRST_ORDER_DAMPING = 2.0
 FIRST_ORDER = Shape(("N", "bandwidth"), partial(BandLimited, damping=FIRST_ORDER_DAMPING))
 """White noise behind a filter whose other pole is fourteen times as fast."""
@@ -65,6 +66,13 @@ def line(k: int, poles: int = 2) -> Shape:
     number = "" if k == 1 else f"_{k}"
     names = ("line_sigma", "line_f0", "line_width")
     return Shape(tuple(name + number for name in names), partial(Line, poles=poles))
+
+
+def given_damping(shape: Shape) -> float:
+    """Of filtered white noise whose damping is no parameter."""
+    term = shape.unit_term((1.0,))
+    assert isinstance(term, BandLimited)
+    return term.damping
 
 
 def is_line(shape: Shape) -> bool:
