@@ -87,7 +87,8 @@ def ask(case: Case, home: Path, extra: Sequence[str] = ()) -> Outcome:
     path = (home / case.kind / case.file).resolve()
     heading = case.right.get("heading_deg", 90)
     told = ["log.latitude=48.1", f"log.heading_deg={heading}"]
-    options = ["log=csv", f"log.path='{path}'", *told, *case.options, *extra]
+    own = [o for o in case.options if case.program == "evaluate" or not o.startswith("windows_s")]
+    options = ["log=csv", f"log.path='{path}'", *told, *own, *extra]
     said = io.StringIO()
     with (
         tempfile.TemporaryDirectory() as scratch,
