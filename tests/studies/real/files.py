@@ -28,6 +28,7 @@ from lbgc.fit import FitConfig
 from lbgc.units import DEG, HOUR
 
 EARTH_DEG_H = 15.041067
+RATE_HZ = 100.0
 SIGMAS = 4.0
 """Of its sampling error, what a right figure may be off."""
 
@@ -131,7 +132,9 @@ def is_right(case: Case, outcome: Outcome) -> list[str]:
                 wrong += _white(f"{part} {axis}", fitted, float(right[key]) * scale[part])
     for hz, rms in dict(right.get("lines", {})).items():
         for axis, fitted in zip("xyz", result["gyro"], strict=True):
-            wrong += _line(axis, fitted["estimates"], float(hz), float(rms) * DEG / HOUR)
+            # A sample is a mean over its interval, which takes something off a fast line.
+            own = float(rms) * DEG / HOUR / np.sinc(float(hz) / RATE_HZ)
+            wrong += _line(axis, fitted["estimates"], float(hz), own)
     for part, axis in right.get("no_walk", ()):
         estimates = result[part]["xyz".index(axis)]["estimates"]
         told = [k for k in ("K", "ramp") if k in estimates and estimates[k]["low"] > 0]
