@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from lbgc.data.findings import CHECKS, Finding
 from lbgc.data.logconfig import LogConfig
+from lbgc.data.moved import moved_finding
 from lbgc.data.plausible import force_finding, rate_finding, resting
 from lbgc.data.printed import channels, counts_finding, held_finding, rail_finding
 from lbgc.data.record import Record
@@ -45,6 +46,7 @@ def _findings(
         pasted_finding(record),
         counts_finding(every),
         held_finding(record),
+        moved_finding(record, north),
     )
     yield from (found for found in values if found is not None)
     rest = resting(record, config, imu)

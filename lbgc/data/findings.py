@@ -13,6 +13,7 @@ CHECKS = (
     "pasted",
     "counts",
     "held",
+    "moved",
     "force",
     "unit",
     "bias",

@@ -80,7 +80,10 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
             for name, e in every_estimate(fit).items():
                 plain = unnumbered(name)
                 e = half_power(fit) if name == "bandwidth" else e
-                lines.append(f"  {WORDS[plain]:30s} {spelled(e, KEYS[plain][which])}")
+                said = spelled(e, KEYS[plain][which])
+                if plain == "line_sigma":
+                    said += _printed(fit, name, KEYS[plain][which], static.dt)
+                lines.append(f"  {WORDS[plain]:30s} {said}")
             lines += [f"  {said}" for said in _together(fit, KEYS["line_sigma"][which])]
             key = KEYS["B"][which]
             lowest, tau = fit.allan_minimum
@@ -93,6 +96,13 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
             lines += [f"  {said}" for said in remarks(fit, which)]
             lines.append(f"  {'goodness of fit':30s} {explained(fit)}")
     return "\n".join(lines)
+
+
+def _printed(fit: Fit, name: str, key: str, dt: float) -> str:
+    """What is left of a fast line's rms in samples that are means over dt, s; else nothing."""
+    left = float(np.sinc(fit.estimates[name.replace("sigma", "f0")].value * dt))
+    size = left * fit.estimates[name].value / factor(key)
+    return f"; {size:.4g} {unit_of(key)} in the samples" if left < 0.98 else ""
 
 
 def _together(fit: Fit, key: str) -> list[str]:

@@ -28,6 +28,7 @@ from lbgc.fit import FitConfig
 from lbgc.units import DEG, HOUR
 
 EARTH_DEG_H = 15.041067
+RATE_HZ = 100.0
 SIGMAS = 4.0
 """Of its sampling error, what a right figure may be off."""
 
@@ -43,7 +44,7 @@ class Case:
     options: tuple[str, ...]
     right: Mapping[str, object]
     """arw_deg_per_sqrt_h, vrw_m_per_s_per_sqrt_h, lines (Hz: deg/h), no_walk (axes), error_arw
-    (what the heading's error comes from), left_out (an estimator)."""
+    (what the heading's error comes from), heading_deg, left_out (an estimator)."""
     option: tuple[str, ...] | None = None
     """What the refusal must name and then gives the right answer; None where there is none."""
     names: tuple[str, ...] = ()
@@ -85,7 +86,10 @@ def cases(config: Mapping) -> list[Case]:
 def ask(case: Case, home: Path, extra: Sequence[str] = ()) -> Outcome:
     """What the program answers; run in a directory of its own."""
     path = (home / case.kind / case.file).resolve()
-    options = ["log=csv", f"log.path='{path}'", "log.latitude=48.1", *case.options, *extra]
+    heading = case.right.get("heading_deg", 90)
+    told = ["log.latitude=48.1", f"log.heading_deg={heading}"]
+    own = [o for o in case.options if case.program == "evaluate" or not o.startswith("windows_s")]
+    options = ["log=csv", f"log.path='{path}'", *told, *own, *extra]
     said = io.StringIO()
     with (
         tempfile.TemporaryDirectory() as scratch,
@@ -114,7 +118,7 @@ def is_right(case: Case, outcome: Outcome) -> list[str]:
         if "left_out" in right:
             answered = {row["estimator"] for row in result["rows"]}
             return [f"{right['left_out']} answers"] if right["left_out"] in answered else []
-        row = next(r for r in result["rows"] if r["estimator"] == "mean")
+        row = [r for r in result["rows"] if r["estimator"] == "mean"][-1]  # the longest window
         seconds = float(row["window_s"])
         north = EARTH_DEG_H * np.cos(np.deg2rad(float(right.get("latitude", 48.1))))
         sigma = np.rad2deg(float(right["error_arw"]) / np.sqrt(seconds / 3600) / north)
@@ -128,7 +132,9 @@ def is_right(case: Case, outcome: Outcome) -> list[str]:
                 wrong += _white(f"{part} {axis}", fitted, float(right[key]) * scale[part])
     for hz, rms in dict(right.get("lines", {})).items():
         for axis, fitted in zip("xyz", result["gyro"], strict=True):
-            wrong += _line(axis, fitted["estimates"], float(hz), float(rms) * DEG / HOUR)
+            # A sample is a mean over its interval, which takes something off a fast line.
+            own = float(rms) * DEG / HOUR / np.sinc(float(hz) / RATE_HZ)
+            wrong += _line(axis, fitted["estimates"], float(hz), own)
     for part, axis in right.get("no_walk", ()):
         estimates = result[part]["xyz".index(axis)]["estimates"]
         told = [k for k in ("K", "ramp") if k in estimates and estimates[k]["low"] > 0]
