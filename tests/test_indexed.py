@@ -16,6 +16,7 @@ from lbgc.bound import (
     white_crlb,
 )
 from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled, travel_within, usable
@@ -309,11 +310,34 @@ def test_one_block_is_a_window_too():
         assert np.isfinite(found.sigma).all()
 
 
-def test_the_floor_of_another_sensor_or_a_swaying_base_is_none(drawn):
-    w = drawn["static"]
-    rocking = 0.05 * np.sin(np.arange(w.accel.shape[1]))[None, :, None]
-    with pytest.raises(InputError, match="the base moves"):
-        floor(replace(w, accel=w.accel + rocking), SDC500)
+@pytest.mark.parametrize("name", ["floor", "gls", "two_position_weighted"])
+def test_what_weighs_by_a_model_refuses_windows_that_contradict_it(drawn, name):
+    """One that rocks among all the others, too."""
+    w = drawn["two_position" if name.startswith("two") else "static"]
+    estimate = {**CLASSICAL, "floor": floor}[name]
+    estimate(w, SDC500)
+    w.accel[3:4] += 0.05 * np.sin(np.arange(w.accel.shape[1]))[:, None]
+    try:
+        with pytest.raises(InputError, match=f"in 1 of {len(w)} windows: the base moves"):
+            estimate(w, SDC500)
+    finally:
+        w.accel[3:4] -= 0.05 * np.sin(np.arange(w.accel.shape[1]))[:, None]
+
+
+@pytest.mark.parametrize("protocol", ["static", "two_position"])
+def test_a_plain_estimators_sigma_has_the_motion_that_windows_show(drawn, protocol):
+    """A base that turns to and fro at up to Earth's rate: the mean rate is off by some share of it,
+    no more than white noise as large as the eighths' scatter makes. A window that fits the sensor's
+    model keeps its sigma to the last digit."""
+    name = {"static": "mean", "two_position": "two_position"}[protocol]
+    w = drawn[protocol]
+    gyro = w.gyro.copy()
+    gyro[3, :, 0] += EARTH_RATE * np.sin(np.linspace(0, 10, gyro.shape[1]))
+    found, moved = (CLASSICAL[name](own, SDC500) for own in (w, replace(w, gyro=gyro)))
+    others = np.arange(len(w)) != 3
+    np.testing.assert_array_equal(moved.sigma[others], found.sigma[others])
+    assert moved.sigma[3] > 2 * found.sigma[3]
+    assert abs(wrap(moved.heading[3] - w.heading[3])) < 3 * moved.sigma[3]
 
 
 @pytest.mark.parametrize("protocol", ["static", "two_position"])

@@ -66,7 +66,7 @@ def _estimator(
         chosen = choose(name, part.course)
         if weigh:
             own = part.only(chosen | part.course.slewing)
-            return weighted(own, needs_model(name, imu), free_bias=True)
+            return weighted(name, own, needs_model(name, imu), free_bias=True)
         return plain(part.only(chosen), True, imu)
 
     return answer(windows, imu, each, name)

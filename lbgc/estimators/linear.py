@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
+from scipy.stats import chi2
 
 from lbgc.data.windows import Windows
 from lbgc.earth import heading_exists
@@ -15,7 +16,7 @@ from lbgc.estimators import circle
 from lbgc.estimators.course import Course, Levelled, Site, levelled
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import likeliest
-from lbgc.estimators.optimal import apart, fitted, spread_of
+from lbgc.estimators.optimal import apart, check_fit, fitted, spread_of
 from lbgc.estimators.sources import timeless
 from lbgc.frames import euler_to_matrix, turned, wrap
 from lbgc.sensor.imu import ImuModel
@@ -24,6 +25,8 @@ LEANS = np.deg2rad(10.0)
 _DOUBTED, _CONTRADICTED = 4.0, 5.0
 """Sigmas by which a rate's size must differ from Earth's before a bias is seen in it: of what a
 window's own scatter says, and of what is stated of the sensor."""
+_EIGHTHS = 8
+_RARELY = 1e-7
 _SAME_RATE = 1e-6
 """Of Earth's rate: its own size is not known better."""
 
@@ -127,7 +130,8 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
         spread = _white(part, bias, weights, z)[:, None, None] * _of_each(weights)
         if not bias:
             spread = spread + (bias_sigma / part.site.north) ** 2 * np.eye(2)
-    spread = _widened(z, spread, _DOUBTED if imu is None else _CONTRADICTED)
+    spread = _widened(z, spread + _moved(part, bias, imu, weights, z),
+                      _DOUBTED if imu is None else _CONTRADICTED)  # fmt: skip
     sigma = circle.posterior(*circle.measured(z, spread), heading).sigma
     return Estimate(wrap(heading), sigma, imu is None and bias_sigma == 0.0)
 
@@ -149,24 +153,86 @@ def _spread(
 ) -> np.ndarray:
     """Covariance of what the plain weights make of the data, (2, 2), on a base that leans so, rad:
     there a vertical gyro's errors are levelled into the horizontal ones."""
-    weights = plain_weights(course, site, bias).reshape(2, 2, 2, -1)  # of z, triad, axis, part
+    return _of_level(imu, course, site, plain_weights(course, site, bias), roll, pitch)
+
+
+def _of_level(
+    imu: ImuModel, course: Course, site: Site, weights: np.ndarray, roll: float, pitch: float
+) -> np.ndarray:
+    """Covariance, (k, k), of what weights (k, 4, n) make of the levelled data, likewise."""
+    count = len(weights)
+    weights = weights.reshape(count, 2, 2, -1)  # of triad, axis, part
     vectors = np.moveaxis(np.pad(weights, ((0, 0), (0, 0), (0, 1), (0, 0))), 2, 3)
     angle = np.array(course.angle)
     base_axes = turned(vectors, angle) @ euler_to_matrix(roll, pitch, 0.0)
-    body = np.moveaxis(turned(base_axes, -angle), 3, 2).reshape(2, 6, -1)
+    body = np.moveaxis(turned(base_axes, -angle), 3, 2).reshape(count, 6, -1)
     return spread_of(imu, course, site, body, (roll, pitch))
 
 
 def _white(part: Levelled, bias: bool, weights: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Variance of a block's rate, (V,), (rad/s)^2, by what the fit leaves, if every block has an
     independent error; NaN where it leaves nothing to tell by."""
-    n = part.data.shape[2]
-    rates = turn(part.course, part.site)[:2, :, :2]
-    left = part.data[:, :2] - np.einsum("ani,vi->van", rates, z)
-    if bias:
-        left = left - left.mean(axis=2, keepdims=True)
+    left = _left(part, bias, z)
+    n = left.shape[2]
     free = 2 * n - 2 - 2 * bias
     return np.sum(left**2, axis=(1, 2)) / free if free > 0 else np.full(len(z), np.nan)
+
+
+def _left(part: Levelled, bias: bool, z: np.ndarray) -> np.ndarray:
+    """What the fit leaves of the rates, (V, 2, n), rad/s."""
+    rates = turn(part.course, part.site)[:2, :, :2]
+    left = part.data[:, :2] - np.einsum("ani,vi->van", rates, z)
+    return np.asarray(left - left.mean(axis=2, keepdims=True) if bias else left)
+
+
+def _moved(
+    part: Levelled, bias: bool, imu: ImuModel | None, weights: np.ndarray, z: np.ndarray
+) -> np.ndarray:
+    """Covariance of the measurements, (V, 2, 2), that the base's own motion adds, where means over
+    an eighth of the window scatter far more than the sensor's model says: as large as white noise
+    of such scatter makes. A base that sways about one attitude averages out faster, one that turns
+    on does not; zero where the model explains what is seen."""
+    groups, free = _groups(part.data.shape[2]), _free(part.data.shape[2], bias)
+    if imu is None or free <= 0:
+        return np.zeros((len(z), 2, 2))
+    seen = np.sum((_left(part, bias, z) @ groups.T) ** 2, axis=(1, 2))
+    leans, which = apart(part.base)
+    most = np.array([_explained(imu, part.course, part.site, bias, *a) for a in leans.tolist()])
+    white = np.where(seen > most[which], seen / free, 0.0)
+    return np.asarray(white[:, None, None] * _of_each(weights))
+
+
+def _groups(n: int) -> np.ndarray:
+    """(m, n): sums over consecutive parts, such that independent errors keep their variance."""
+    of = np.array_split(np.arange(n), min(n, _EIGHTHS))
+    matrix = np.zeros((len(of), n))
+    for row, own in zip(matrix, of, strict=True):
+        row[own] = 1 / np.sqrt(len(own))
+    return matrix
+
+
+def _free(n: int, bias: bool) -> int:
+    return 2 * min(n, _EIGHTHS) - 2 - 2 * bias
+
+
+@lru_cache(maxsize=4096)
+def _explained(
+    imu: ImuModel, course: Course, site: Site, bias: bool, roll: float, pitch: float
+) -> float:
+    """Sum of squares of what the fit leaves of groups that the sensor's model exceeds once in 1e7:
+    by Satterthwaite's chi-square, of the sum's own mean and variance."""
+    n = len(course.blocks)
+    weights = plain_weights(course, site, bias)
+    left = np.zeros((2, n, 4, n))
+    left[0, :, 0], left[1, :, 1] = np.eye(n), np.eye(n)
+    left -= np.einsum("ani,ibm->anbm", turn(course, site)[:2, :, :2], weights)
+    if bias:
+        left -= left.mean(axis=1, keepdims=True)
+    grouped = np.einsum("gn,anbm->agbm", _groups(n), left, optimize=True).reshape(-1, 4, n)
+    C = _of_level(imu, course, site, grouped, roll, pitch)
+    mean, square = float(np.trace(C)), float(np.sum(C**2))
+    degrees = mean**2 / square
+    return float(mean / degrees * chi2.isf(_RARELY, degrees))
 
 
 def _of_each(weights: np.ndarray) -> np.ndarray:
@@ -175,7 +241,9 @@ def _of_each(weights: np.ndarray) -> np.ndarray:
     return np.einsum("ian,jan->ij", weights[:, :2], weights[:, :2])
 
 
-def weighted(part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:
-    """The most likely heading under the sensor's covariance."""
+def weighted(name: str, part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:
+    """The most likely heading under the sensor's covariance. Raises InputError where the data
+    contradict it: `name` is the estimator's."""
     found = fitted(imu, part, free_bias)
+    check_fit(name, part.course, found.misfit)
     return likeliest(found.h, found.J)

@@ -19,8 +19,10 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
+from scipy.stats import chi2
 
 from lbgc.estimators.course import Course, Levelled, Site
+from lbgc.estimators.estimate import refusal
 from lbgc.estimators.information import across
 from lbgc.estimators.sources import (
     ANY_TILT,
@@ -43,6 +45,7 @@ _LEANS = np.deg2rad(0.5)
 is part of the level's error, which is unknown anyway."""
 _CHUNK = 256  # leans at once
 _MANY = 5.0  # standard deviations
+_TWICE, _RARELY = 2.0, 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +203,25 @@ def fitted(imu: ImuModel, part: Levelled, free_bias: bool = False) -> Told:
     J = np.where(wrong[:, None, None], alone.J, every.J)
     h = np.where(wrong[:, None], alone.h, every.h)
     return Told(h, J, np.where(wrong, alone.misfit, every.misfit))
+
+
+def check_fit(name: str, course: Course, misfit: np.ndarray) -> None:
+    """Raise InputError where a window's data scatter far more than the sensor's model says: twice,
+    or where they are few as much as that exceeds once in 1e8. Each window is judged by itself.
+
+    name : of the estimator; misfit : (V,), see `Told`.
+    """
+    free = degrees(course)
+    if free <= 0:
+        return
+    most = max(_TWICE, float(chi2.isf(_RARELY, free)) / free)
+    wrong = int(np.sum(misfit > most))
+    if wrong:
+        some = f"{wrong} of {len(misfit)} windows" if len(misfit) > 1 else "a window"
+        raise refusal(
+            name, f"{np.max(misfit):.3g}", "", "times the scatter that the sensor's model explains "
+            f"in {some}: the base moves, or the model is not this sensor's"
+        )  # fmt: skip
 
 
 def degrees(course: Course) -> int:

@@ -55,9 +55,11 @@ def triad(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 
 def gls(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Generalised least squares: the most likely heading under the sensor's full Gaussian model,
     biases at their stated sizes. The plate may rest or turn; its base leans by 10 degrees at most.
+
+    Raises InputError where a window contradicts that model, as a base that moves does.
     """
     model = needs_model("gls", imu)
-    return answer(windows, model, lambda part: weighted(part, model, False), "gls")
+    return answer(windows, model, lambda part: weighted("gls", part, model, False), "gls")
 
 
 def _at_rest(name: str, windows: Windows) -> None:
