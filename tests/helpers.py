@@ -1,6 +1,8 @@
 """What several test files call: configurations as entry points compose them, and small datasets."""
 
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -43,3 +45,18 @@ def generate(path: Path, **changes: object) -> Dataset:
     config = replace(default_config(), out=str(path), **changes)
     with patch.object(sim.generate, "try_picture", lambda *_: "not in tests"):
         return Dataset.open_finished(sim.generate.main(config))
+
+
+def ran_small(script: Path, where: Path) -> subprocess.CompletedProcess:
+    """A study or the bench, run in a directory at its size for the tests: see small.yaml."""
+    parts = (ROOT, ROOT / "tests", ROOT / "tests/studies")
+    small = {"LBGC_STUDY": "small", "PYTHONPATH": os.pathsep.join(map(str, parts))}
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        cwd=where,
+        capture_output=True,
+        text=True,
+        env=os.environ | small,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done

@@ -17,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import learning
 import numpy as np
 import peers
 import processes
@@ -25,7 +24,7 @@ from common import Report
 from helpers import default_config
 from numcodecs import Blosc
 from table import Row, Table
-from timing import Work, against, floor, normals
+from timing import CASES, Work, against, floor, normals
 
 import sim.generate
 import sim.recordings
@@ -37,15 +36,22 @@ from lbgc.protocol import plan
 from lbgc.sensor import streams
 from lbgc.sensor.streams import Purpose
 from sim import physics, scene
+from sim.generate import GenerateConfig
 from sim.poses import Bench
 
-ONE = 144_000 * 6
+
+def dataset(*options: str) -> GenerateConfig:
+    """The default experiment, at the size of the day."""
+    return default_config(*CASES["options"], *options)
+
+
+ONE = dataset().samples * 6
 """Channel samples of a recording."""
 
 
 def error_model(count: int) -> Work:
     """Both triads of the default sensor, in memory, every sample."""
-    config = default_config()
+    config = dataset()
     triads = config.imu.gyro.triad(), config.imu.accel.triad()
     truths = np.full((3, 1), 5e-5), np.array([[0.1], [0.1], [-9.8]])
 
@@ -64,7 +70,7 @@ def error_model(count: int) -> Work:
 
 def means(count: int) -> Work:
     """4 Hz means of both triads, in memory."""
-    config = default_config("output=means", "mean_s=0.25")
+    config = dataset("output=means", "mean_s=0.25")
     sensor = sim.recordings.Sensor.of(config)
     truths = np.full((3, 1), 5e-5), np.array([[0.1], [0.1], [-9.8]])
 
@@ -81,7 +87,7 @@ def means(count: int) -> Work:
 
 def end_to_end(home: Path, *options: str) -> Work:
     """Into a finished dataset: motion, errors, counts, compression, checksums."""
-    config = default_config(*options)
+    config = dataset(*options)
 
     def work() -> None:
         out = Path(tempfile.mkdtemp(dir=home)) / "d.zarr"
@@ -94,7 +100,7 @@ def end_to_end(home: Path, *options: str) -> Work:
 def bare(home: Path, *options: str) -> Work:
     """What a dataset cannot do without: its normals from SFC64, compressing and hashing once."""
     made = Dataset.open_finished(sim.generate.main(
-        replace(default_config(*options), out=str(home / "bare.zarr"))))  # fmt: skip
+        replace(dataset(*options), out=str(home / "bare.zarr"))))  # fmt: skip
     shard = min(made.layout.shard, len(made))
     values = [np.asarray(made._array(n)[:shard]).swapaxes(1, 2).copy() for n in ("gyro", "accel")]
     count, rows = len(made), -(-len(made) // shard)
@@ -113,10 +119,14 @@ def bare(home: Path, *options: str) -> Work:
     return work
 
 
+def in_vehicle(*options: str) -> GenerateConfig:
+    return dataset("scene=vehicle", *CASES["vehicle"]["options"], *options)
+
+
 def vehicle(home: Path, count: int) -> Work:
     """So many recordings in a vehicle, as a worker with one core makes them."""
     workers = ("cluster=local", f"cluster.workers={os.cpu_count()}")
-    config = default_config("scene=vehicle", f"recordings={count}", *workers)
+    config = in_vehicle(f"recordings={count}", *workers)
     path, sensor = str(home / "vehicle.zarr"), sim.recordings.Sensor.of(config)
     store.create(path, sim.generate._layout(config, sensor), config.content(), {})
     return lambda: sim.generate.make_shard(config, path, 0)
@@ -124,7 +134,7 @@ def vehicle(home: Path, count: int) -> Work:
 
 def rollout(count: int) -> Work:
     """The physics of so many recordings in a vehicle alone: mujoco.rollout on one thread."""
-    config = default_config("scene=vehicle")
+    config = in_vehicle()
     bench = Bench(config.scene, config.rate_hz, config.samples)
     model = scene.load(config.scene, normal_gravity(float(np.deg2rad(config.latitude))))
     steps = physics.lead_steps(bench) + bench.samples * bench.steps + 2
@@ -147,30 +157,25 @@ def rollout(count: int) -> Work:
 
 def rates(table: Table, home: Path) -> None:
     alone = "SFC64's normals alone"
-    many = 512
+    few, many = CASES["error_model"], CASES["means"]
+    own = ONE // round(0.25 * dataset().rate_hz)
     memory = (
-        ("error_model", "error model, 6 axes, in memory", 0.6, error_model(4), 4, ONE),
-        ("means", "4 Hz means, in memory, as 600 Hz samples", 50, means(many), many, 5760),
+        ("error_model", "error model, 6 axes, in memory", 0.6, error_model(few), few, ONE),
+        ("means", "4 Hz means, in memory, as 600 Hz samples", 50, means(many), many, own),
     )
     for key, what, goal, work, count, drawn in memory:
         limits = floor(count * ONE), (normals(count * drawn, np.random.SFC64), 1.0)
         table.ratio(f"{key}_over_floor", what, goal, *against(work, limits, what), alone)
     stored = "SFC64's normals, compressing, hashing"
-    cases: tuple[tuple[str, str, float, int, tuple[str, ...]], ...] = (
-        ("end_to_end_static", "end to end, static", 0.25, 48, ()),
-        ("end_to_end_two_position", "end to end, two positions", 0.1, 32,
-         ("protocol=two_position",)),
-        ("means_stored", "4 Hz means, end to end", 30, 3072, ("output=means", "mean_s=0.25")),
-        ("means_stored_two_position", "4 Hz means, end to end, two positions", 30, 2048,
-         ("output=means", "mean_s=0.25", "protocol=two_position")),
-    )  # fmt: skip
-    for key, what, goal, count, changes in cases:
-        options = (f"recordings={count}", *changes)
+    for key, case in CASES["end_to_end"].items():
+        what, goal, count = case["what"], case["goal"], case["recordings"]
+        options = (f"recordings={count}", *case["options"])
         limits = floor(count * ONE), (bare(home, *options), 1.0)
-        found = against(end_to_end(home, *options), limits, what, 5)
+        found = against(end_to_end(home, *options), limits, what, CASES["end_to_end_repeats"])
         table.ratio(f"{key}_over_floor", what, goal, *found, stored)
     what = "end to end, vehicle, over mujoco.rollout"
-    (found,) = against(vehicle(home, 3), [(rollout(3), 1.0)], what, 3)
+    count, repeats = CASES["vehicle"]["recordings"], CASES["vehicle"]["repeats"]
+    (found,) = against(vehicle(home, count), [(rollout(count), 1.0)], what, repeats)
     physics_alone = "mujoco.rollout on that model"
     table.ratio("end_to_end_vehicle_over_rollout", what, 0.75, found, found, physics_alone)
 
@@ -179,17 +184,18 @@ def reading(table: Table, home: Path) -> None:
     """Reading a full-rate dataset and the plain mean on it."""
     from lbgc.data.windows import cut
 
-    config = replace(default_config("recordings=16"), out=str(home / "read.zarr"))
+    count, window_s = CASES["reading"]["recordings"], CASES["reading"]["window_s"]
+    config = replace(dataset(f"recordings={count}"), out=str(home / "read.zarr"))
     data = Dataset.open_finished(sim.generate.main(config))
 
     def work() -> None:
-        for record in data.records(np.arange(16)):
-            mean(cut(record, 240.0))
+        for record in data.records(np.arange(count)):
+            mean(cut(record, window_s))
 
-    (found,) = against(work, [floor(16 * ONE)], "reading", 5)
+    (found,) = against(work, [floor(count * ONE)], "reading", CASES["reading"]["repeats"])
     table.add(
-        Row("read_and_estimate_over_floor", "read and estimate (plain mean, 240 s)", found.ratio,
-            "-", True, spread=found.spread, cpu=found.cpu)
+        Row("read_and_estimate_over_floor", f"read and estimate (plain mean, {window_s:g} s)",
+            found.ratio, "-", True, spread=found.spread, cpu=found.cpu)
     )  # fmt: skip
 
 
@@ -199,11 +205,17 @@ def public_tools(table: Table) -> None:
         if work is None:
             table.absent(what, "not installed (pip install -e '.[bench]')")
             continue
-        (found,) = against(work, [floor(count)], what, 3)
+        (found,) = against(work, [floor(count)], what, CASES["peers_repeats"])
         table.add(
             Row(f"peer_{key}_over_floor", what, found.ratio, "-", True, spread=found.spread,
                 cpu=found.cpu)
         )  # fmt: skip
+
+
+def training(table: Table, home: Path) -> None:
+    import learning  # PyTorch, which the workers of `processes` import with this file otherwise
+
+    learning.rows(table, home)
 
 
 def main() -> None:
@@ -213,7 +225,7 @@ def main() -> None:
         parts: tuple[Callable[[], None], ...] = (
             lambda: rates(table, home),
             lambda: processes.rows(table, home),
-            lambda: learning.rows(table, home),
+            lambda: training(table, home),
             lambda: reading(table, home),
             lambda: public_tools(table),
         )

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from helpers import composed, default_config
 from table import Row, Table
-from timing import seconds
+from timing import CASES, seconds
 from tqdm import tqdm
 
 import sim.generate
@@ -22,21 +22,21 @@ from lbgc.learning.model import make
 from lbgc.learning.trainer import Trainer
 from lbgc.train import TrainConfig, trainer_of
 
-_STEPS = 150
-_ANSWERS = 300
+_STEPS, _ANSWERS = CASES["learning"]["steps"], CASES["learning"]["answers"]
+_MODELS: dict[str, list[str]] = CASES["learning"]["models"]
 _MOST_WAIT, _WINDOW_S = 5.0, 240.0
 
 
 def rows(table: Table, home: Path) -> None:
     made = replace(
-        default_config("recordings=200", "output=means", "mean_s=5"), out=str(home / "train.zarr")
+        default_config(f"recordings={CASES['learning']['recordings']}", "output=means", "mean_s=5"),
+        out=str(home / "train.zarr"),
     )
     dataset = Dataset.open_finished(sim.generate.main(made))
-    cases = {
-        "bilstm_24": ("model=bilstm_24", "windows_s=[240]"),
-        "residual": ("experiment=residual", "windows_s=[240]"),
+    waits = {
+        name: _wait(dataset, (*options, f"windows_s=[{_WINDOW_S:g}]"))
+        for name, options in _MODELS.items()
     }
-    waits = {name: _wait(dataset, options) for name, options in cases.items()}
     worst = max(waits, key=lambda name: waits[name])
     table.add(
         Row("data_wait_percent", f"training waits for data, % of a step ({worst})", waits[worst],
@@ -44,10 +44,13 @@ def rows(table: Table, home: Path) -> None:
     )  # fmt: skip
     for name, value in waits.items():
         table.note(f"data_wait_{name}_percent", value)
-    for rate, goal, key in ((0.2, 1.0, "240s"), (4.0, 2.0, "240s_4hz")):
-        for model in ("bilstm_24", "residual"):
+    for key, case in CASES["learning"]["latencies"].items():
+        for model in _MODELS:
             own = key if model == "bilstm_24" else f"{model}_{key}"
-            _latency(table, dataset, model, rate, goal, f"onnx_latency_{own}_ms")
+            _latency(
+                *(table, dataset, model, case["rate_hz"], case["goal_ms"]),
+                f"onnx_latency_{own}_ms",
+            )
     _gpu(table, dataset)
 
 

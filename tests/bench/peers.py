@@ -1,21 +1,25 @@
-"""Public tools doing what they can of the same work: 144,000 samples of six axes."""
+"""Public tools doing what they can of the same work: as many samples of six axes."""
 
 from collections.abc import Iterator
 from importlib.util import find_spec
 
 import allantools
 import numpy as np
-from timing import Work
+from helpers import default_config
+from timing import CASES, Work
 
-SAMPLES, RATE_HZ = 144_000, 600.0
-SHORT = 2_000
+_CONFIG = default_config(*CASES["options"])
+SAMPLES, RATE_HZ = _CONFIG.samples, _CONFIG.rate_hz
+_POWER = 2 ** (SAMPLES.bit_length() - 1)
+"""The most that a peer makes which takes powers of two alone."""
+SHORT = SAMPLES // 72
 """Samples of the peer that takes one at a time."""
 _WHITE, _WALK, _FLICKER = 9e-6, 4e-8, 2.6e-7
 
 
 def available() -> Iterator[tuple[str, str, Work | None, int]]:
     """(key, what it models, one run of it or None where it is not installed, channel samples)."""
-    yield "allantools", "Kasdin: white, flicker, random walk", _kasdin, 6 * 2**17
+    yield "allantools", "Kasdin: white, flicker, random walk", _kasdin, 6 * _POWER
     installed = find_spec("pyins") is not None
     every = 6 * SAMPLES
     yield (
@@ -35,7 +39,7 @@ def _kasdin() -> None:
         np.random.seed(axis)  # noqa: NPY002  (the peer draws from numpy's global state)
         rates = []
         for q, b in ((_WHITE, -2), (_FLICKER, -3), (_WALK, -4)):
-            noise = allantools.Noise(nr=2**17, qd=q**2, b=b)
+            noise = allantools.Noise(nr=_POWER, qd=q**2, b=b)
             noise.generateNoise()
             rates.append(np.diff(noise.time_series))
         np.sum(rates, axis=0)

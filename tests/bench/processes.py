@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from helpers import default_config
 from table import Row, Table
-from timing import floor
+from timing import CASES, normals
 from tqdm import tqdm
 
 import sim.generate
@@ -20,9 +20,6 @@ import sim.recordings
 from lbgc.data import store
 
 ROOT = Path(__file__).parents[2]
-_SHARDS = 8
-_REPEATS = 5
-_FEW, _MANY = 80, 2000
 _MOST_MB = 600.0
 
 
@@ -33,7 +30,10 @@ def rows(table: Table, home: Path) -> None:
 
 def _speedup(table: Table, home: Path) -> None:
     """Shards done by two workers that are up and running, against one of them."""
-    config = default_config(f"recordings={16 * _SHARDS}", "duration_s=60")
+    case = CASES["two_processes"]
+    shards = list(range(case["shards"]))
+    recordings = f"recordings={16 * len(shards)}"
+    config = default_config(*CASES["options"], recordings, *case["options"])
     path = str(home / "two.zarr")
     sensor = sim.recordings.Sensor.of(config)
     store.create(path, sim.generate._layout(config, sensor), config.content(), {})
@@ -50,15 +50,15 @@ def _speedup(table: Table, home: Path) -> None:
                 pool.submit(task, *given).result()
             return time.perf_counter() - started
 
-        shards = list(range(_SHARDS))
-        given = [config] * _SHARDS, [path] * _SHARDS, shards
+        given = [config] * len(shards), [path] * len(shards), shards
+        count = [case["normals"]] * len(shards)
         both(sim.generate.make_shard, *given)  # once, to import everything
         ratios, limits = [], []
-        for _ in tqdm(range(_REPEATS), "two processes", leave=False):
+        for _ in tqdm(range(case["repeats"]), "two processes", leave=False):
             ratios.append(
                 one(sim.generate.make_shard, *given) / both(sim.generate.make_shard, *given)
             )
-            limits.append(one(_draw, shards) / both(_draw, shards))
+            limits.append(one(_draw, count) / both(_draw, count))
     low, middle, high = (float(q) for q in np.quantile(ratios, (0.25, 0.5, 0.75)))
     limit = float(np.median(limits))
     table.add(
@@ -67,18 +67,19 @@ def _speedup(table: Table, home: Path) -> None:
     )  # fmt: skip
 
 
-def _draw(_: int) -> None:
-    floor(5_000_000)[0]()
+def _draw(count: int) -> None:
+    normals(count, np.random.Philox)()
 
 
 def _memory(table: Table) -> None:
     """Highest resident memory of generation and of evaluation, as typed: each a program of its own,
     whose imports alone are the limit."""
     bare = _peak(ROOT, "-c", "import lbgc.evaluate, sim.generate")
-    for count in (_FEW, _MANY):
+    for count in CASES["memory"]["recordings"]:
+        options = (*CASES["options"], f"recordings={count}", "out=d.zarr")
         with tempfile.TemporaryDirectory() as home:
             own = Path(home)  # results go there too
-            made = _peak(own, f"{ROOT}/sim/generate.py", f"recordings={count}", "out=d.zarr")
+            made = _peak(own, f"{ROOT}/sim/generate.py", *options)
             read = _peak(own, f"{ROOT}/lbgc/evaluate.py", "data=d.zarr")
         most = max(made, read)
         table.add(

@@ -3,12 +3,14 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from common import cases
 from tqdm import tqdm
 
-REPEATS = 7
-_LEAST, _ENOUGH = 1_000_000, 14_000_000
+CASES = cases("bench", Path(__file__).parent)
+_REPEATS, _LEAST, _ENOUGH = (CASES["timing"][key] for key in ("repeats", "least", "enough"))
 Work = Callable[[], object]
 Limit = tuple[Work, float]
 """What to hold the work against, and how much of it the work does."""
@@ -36,7 +38,7 @@ def seconds(work: Work) -> tuple[float, float]:
 
 
 def against(
-    work: Work, limits: Sequence[Limit], name: str, repeats: int = REPEATS
+    work: Work, limits: Sequence[Limit], name: str, repeats: int = _REPEATS
 ) -> list[Against]:
     """The work's rate over each limit's, all run in turn, and once before."""
     for side in (work, *(limit for limit, _ in limits)):

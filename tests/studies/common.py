@@ -13,11 +13,12 @@ import sim.generate
 from lbgc.outputs import as_json, write_atomically
 
 
-def cases(study: str) -> dict[str, Any]:
-    """What a study is of: its YAML file; LBGC_STUDY=small puts what small.yaml has of it in the
-    place of what it costs, so that the tests run the same code in seconds."""
+def cases(study: str, beside: Path | None = None) -> dict[str, Any]:
+    """What a study is of: its YAML file, here or in the directory `beside`; LBGC_STUDY=small puts
+    what small.yaml has of it in the place of what it costs, so that the tests run the same code in
+    seconds."""
     here = Path(__file__).parent
-    own = yaml.safe_load((here / f"{study}.yaml").read_text())
+    own = yaml.safe_load(((beside or here) / f"{study}.yaml").read_text())
     size = os.environ.get("LBGC_STUDY")
     if size is None:
         return own
