@@ -232,8 +232,9 @@ def about(
         than = "longer ones explain" if imu is None else f"is stated of {sensor}"
         lines.append(
             f"The base moves, or the sensor is shaken or another one: means over a second scatter "
-            f"{seen.shaken:.3g} times more than {than}. mean, triad and gls take a base for "
-            "resting, and their sigmas may be too small; oba and ekf are made for one that sways"
+            f"{seen.shaken:.3g} times more than {than}. mean and triad take a base for "
+            "resting: their sigmas are as wide as the motion that each window shows; oba and ekf "
+            "are made for one that sways"
         )
     return lines + _about_bias(seen, imu, sensor, limit)
 

@@ -14,6 +14,7 @@ import lbgc.train
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, stack
 from lbgc.errors import InputError
+from lbgc.estimators import CLASSICAL
 from lbgc.estimators.static import mean
 from lbgc.frames import wrap
 from lbgc.learning import checkpoint, threads, trainer
@@ -21,7 +22,7 @@ from lbgc.learning.ahead import Batches, ahead
 from lbgc.learning.estimator import Learned
 from lbgc.learning.loss import von_mises_nll
 from lbgc.learning.model import ModelConfig, make, moments, von_mises_sigma
-from lbgc.learning.residual import inputs
+from lbgc.learning.residual import base_heading, inputs
 from lbgc.learning.stream import Streamed
 from lbgc.sensor.batch import Lasting, measure_means
 from lbgc.train import TrainConfig
@@ -285,3 +286,18 @@ def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, 
     assert multiprocessing.active_children() == []
     assert torch.get_num_threads() == count
     assert torch.equal(torch.random.get_rng_state(), seeds)
+
+
+@pytest.mark.parametrize("name", ["gls", "two_position_weighted", "cosine_fit_weighted"])
+def test_a_base_answers_windows_that_its_sensors_model_does_not_explain(dataset, name):
+    """Those that domain randomisation shakes, such as; the estimator itself refuses them."""
+    angles = {"gls": [0.0], "two_position_weighted": [0.0, np.pi]}
+    steps = angles.get(name, [0.0, np.pi / 2, np.pi])
+    windows, imu = recordings(dataset).rows(np.arange(3)), default_config().imu.model(100.0)
+    n = windows.gyro.shape[1]
+    plate = np.tile(np.repeat(steps, -(-n // len(steps)))[:n], (3, 1))
+    shaking = 0.1 * np.sin(np.arange(n))[:, None]
+    shaken = replace(windows, plate_angle=plate, accel=windows.accel + shaking)
+    with pytest.raises(InputError, match="the base moves"):
+        CLASSICAL[name](shaken, imu)
+    assert np.isfinite(base_heading(name, shaken, imu)).all()

@@ -1,5 +1,7 @@
 """Classical north-finders. Each takes windows and answers each from its own rows."""
 
+from functools import partial
+
 from lbgc.estimators import indexed, inertial, kalman, static
 from lbgc.estimators.estimate import Estimator
 
@@ -19,3 +21,15 @@ CLASSICAL: dict[str, Estimator] = {
     "oba_bias": inertial.oba_bias,
     "ekf": kalman.ekf,
 }
+
+_WEIGHED = {
+    "gls": static.gls,
+    "two_position_weighted": indexed.two_position_weighted,
+    "cosine_fit_weighted": indexed.cosine_fit_weighted,
+    "carousel_weighted": indexed.carousel_weighted,
+}
+BASES: dict[str, Estimator] = CLASSICAL | {
+    name: partial(estimate, checked=False) for name, estimate in _WEIGHED.items()
+}
+"""The same as bases of a network, which corrects a heading whatever the sensor is like, and states
+a sigma of its own: they do not refuse windows that contradict the sensor's model."""

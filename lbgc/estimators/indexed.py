@@ -60,13 +60,18 @@ def _dwells(course: Course) -> np.ndarray:
 
 
 def _estimator(
-    name: str, choose: Choose, windows: Windows, imu: ImuModel | None, weigh: bool
+    name: str,
+    choose: Choose,
+    windows: Windows,
+    imu: ImuModel | None,
+    weigh: bool,
+    checked: bool = True,
 ) -> Estimate:
     def each(part: Levelled) -> Estimate:
         chosen = choose(name, part.course)
         if weigh:
             own = part.only(chosen | part.course.slewing)
-            return weighted(name, own, needs_model(name, imu), free_bias=True)
+            return weighted(name, own, needs_model(name, imu), True, checked)
         return plain(part.only(chosen), True, imu)
 
     return answer(windows, imu, each, name)
@@ -78,10 +83,12 @@ def two_position(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     return _estimator("two_position", two_positions, windows, imu, False)
 
 
-def two_position_weighted(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+def two_position_weighted(
+    windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
+) -> Estimate:
     """The same unknowns, weighted by the noise model: near blocks share their drift, so those
     about the slew tell most."""
-    return _estimator("two_position_weighted", two_positions, windows, imu, True)
+    return _estimator("two_position_weighted", two_positions, windows, imu, True, checked)
 
 
 def cosine_fit(windows: Windows, imu: ImuModel | None = None) -> Estimate:
@@ -89,8 +96,10 @@ def cosine_fit(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     return _estimator("cosine_fit", positions, windows, imu, False)
 
 
-def cosine_fit_weighted(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    return _estimator("cosine_fit_weighted", positions, windows, imu, True)
+def cosine_fit_weighted(
+    windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
+) -> Estimate:
+    return _estimator("cosine_fit_weighted", positions, windows, imu, True, checked)
 
 
 def carousel(windows: Windows, imu: ImuModel | None = None) -> Estimate:
@@ -99,5 +108,7 @@ def carousel(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     return _estimator("carousel", turning, windows, imu, False)
 
 
-def carousel_weighted(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    return _estimator("carousel_weighted", turning, windows, imu, True)
+def carousel_weighted(
+    windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
+) -> Estimate:
+    return _estimator("carousel_weighted", turning, windows, imu, True, checked)

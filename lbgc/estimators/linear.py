@@ -241,9 +241,10 @@ def _of_each(weights: np.ndarray) -> np.ndarray:
     return np.einsum("ian,jan->ij", weights[:, :2], weights[:, :2])
 
 
-def weighted(name: str, part: Levelled, imu: ImuModel, free_bias: bool) -> Estimate:
-    """The most likely heading under the sensor's covariance. Raises InputError where the data
-    contradict it: `name` is the estimator's."""
+def weighted(name: str, part: Levelled, imu: ImuModel, free_bias: bool, checked: bool) -> Estimate:
+    """The most likely heading under the sensor's covariance. If `checked`, raises InputError
+    where the data contradict it: `name` is the estimator's."""
     found = fitted(imu, part, free_bias)
-    check_fit(name, part.course, found.misfit)
+    if checked:
+        check_fit(name, part.course, found.misfit)
     return likeliest(found.h, found.J)

@@ -52,14 +52,15 @@ def triad(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 
     return _with_sigma(heading, windows, imu, bias_sigma)
 
 
-def gls(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+def gls(windows: Windows, imu: ImuModel | None = None, *, checked: bool = True) -> Estimate:
     """Generalised least squares: the most likely heading under the sensor's full Gaussian model,
     biases at their stated sizes. The plate may rest or turn; its base leans by 10 degrees at most.
 
-    Raises InputError where a window contradicts that model, as a base that moves does.
+    Raises InputError where a window contradicts that model, as a base that moves does; unless it
+    is not `checked`: its heading is then what it is, and its sigma is not true.
     """
     model = needs_model("gls", imu)
-    return answer(windows, model, lambda part: weighted("gls", part, model, False), "gls")
+    return answer(windows, model, lambda part: weighted("gls", part, model, False, checked), "gls")
 
 
 def _at_rest(name: str, windows: Windows) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from lbgc.data.windows import Windows, at_rate
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
-from lbgc.estimators import CLASSICAL
+from lbgc.estimators import BASES
 from lbgc.estimators.course import travel_within, usable
 from lbgc.estimators.level import level
 from lbgc.frames import euler_to_matrix, turned, unrepeated, wrap
@@ -59,7 +59,7 @@ def base_heading(name: str, windows: Windows, imu: ImuModel | None) -> np.ndarra
     the window alone: it begins at zero time and angle."""
     first = windows.plate_angle[:, :1]
     own = replace(windows, plate_angle=windows.plate_angle - first, start_s=0 * windows.start_s)
-    return wrap(CLASSICAL[name](own, imu).heading - first[:, 0])
+    return wrap(BASES[name](own, imu).heading - first[:, 0])
 
 
 def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.ndarray:
