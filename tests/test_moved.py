@@ -34,8 +34,8 @@ def test_a_turn_by_hand_is_found_with_its_angle_and_time(still, axis, name, angl
     assert found.value == pytest.approx(abs(angle), rel=0.05)
     start, end = (float(t) for t in found.says.split("between ")[1].split(" s:")[0].split(" and "))
     assert f"its {name} axis" in found.says
-    assert start == pytest.approx(100, abs=16)
-    assert end == pytest.approx(100 + seconds, abs=32)
+    assert start == pytest.approx(100, abs=1)
+    assert end == pytest.approx(100 + seconds, abs=1)
     assert not moved_finding(replace(still, gyro=gyro), north=False).refuses
 
 

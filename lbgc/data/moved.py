@@ -12,6 +12,8 @@ _LENGTHS_S = (0.5, 2.0, 8.0, 32.0)
 _ANGLE, _RATE = 3.0 * DEG, 0.5 * DEG
 """rad and rad/s: a sway comes back, and no bias wanders so far so fast."""
 _SPREADS = 8.0
+_EDGE = 0.02
+"""Share of a turn before its start and behind its end."""
 _PLATE = 0.01 * DEG
 
 
@@ -41,14 +43,15 @@ def moved_finding(record: Record, north: bool) -> Finding | None:
             along = int(axis)
     if worst == 0.0:
         return None
-    first, last = (round(i * step, 1) for i in where)
+    course = np.abs(angle[where[0] : where[1] + 1, along] - angle[where[0], along])
+    first = where[0] + int(np.argmax(course > _EDGE * worst)) - 1
+    last = where[0] + int(np.argmax(course > (1 - _EDGE) * worst))
     return Finding(
         "moved",
         f"{record.name}: turned",
         round(worst / DEG, 1),
         "deg",
-        f"about its {AXES[along]} axis between {first:g} and "
-        f"{last:g} s: a log without an encoder's angle is taken for resting; cut it there, each "
-        "part a log of its own",
+        f"about its {AXES[along]} axis between {first * step:g} and {last * step:g} s: a log "
+        "without an encoder's angle is taken for resting; cut it there, each part a log of its own",
         refuses=north,
     )

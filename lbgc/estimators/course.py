@@ -150,6 +150,7 @@ class Course:
         """
         of_blocks = angle.reshape(-1, size).mean(axis=1)
         used, resting = usable(of_blocks)
+        used = used | resting  # those before and after a long slew tell most of a bias
         rate = travel_within(of_blocks) / interval
         if settling is not None:
             used = used & ~settling

@@ -34,7 +34,7 @@ def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
     taus = octave_taus(data.series.shape[1], data.dt)
     measured = overlapping_deviation(data.series[:16], data.dt, taus)
     drawn = {
-        f"allan_{data.part}": _with_terms(data, fits, taus, measured),
+        f"allan_{data.part}": _with_terms(data, fits, taus, measured, _settled(data, fits, taus)),
         f"spectrum_{data.part}": _spectra(data.part, fits),
     }
     if data.part == "gyro":
@@ -48,10 +48,30 @@ def _terms(fit: Fit) -> tuple:
     return (*fit.printed, *ramp, *tones)
 
 
+def _settled(data: AllanData, fits: Sequence[Fit], taus: np.ndarray) -> np.ndarray | None:
+    """The deviation of what was fitted to: one recording less its warm-ups and steps, (3, S). None
+    where it has none, or where there are several recordings."""
+    courses = [[c for c in fit.courses if c.kind != "ramp"] for fit in fits]
+    if len(data.series) > 1 or not any(courses):
+        return None
+    edges = data.dt * np.arange(data.series.shape[1] + 1)
+    out = np.zeros(data.series.shape[1:])
+    for axis, own in enumerate(courses):
+        for course in own:
+            out[:, axis] += course.means(edges)
+    return overlapping_deviation(data.series - out, data.dt, taus)
+
+
 def _with_terms(
-    data: AllanData, fits: Sequence[Fit], taus: np.ndarray, measured: np.ndarray
+    data: AllanData,
+    fits: Sequence[Fit],
+    taus: np.ndarray,
+    recorded: np.ndarray,
+    settled: np.ndarray | None,
 ) -> Figure:
-    """Measured deviation with its 95% band, the fitted curve, and each term."""
+    """Measured deviation with its 95% band, the fitted curve, and each term; settled : what was
+    fitted to, where warm-ups and steps were taken out first."""
+    measured = recorded if settled is None else settled
     scale, unit = _UNIT[data.part]
     figure = Figure(figsize=(12, 4.4), layout="constrained")
     fine = np.geomspace(taus[0], taus[-1], 2000)
@@ -65,12 +85,15 @@ def _with_terms(
         )
         axes.loglog(taus, measured[axis] / scale, "o", color=AXIS_COLOURS[axis], markersize=3.5,
                     label="measured, 95%")  # fmt: skip
+        if settled is not None and any(c.kind != "ramp" for c in fit.courses):
+            axes.loglog(taus, recorded[axis] / scale, "o", color="0.5", markersize=3.5,
+                        fillstyle="none", label="with what was taken out")  # fmt: skip
         axes.loglog(fine, curve / scale, color="black", linewidth=1.2, label="fit")
         for term in _terms(fit):
             deviation = np.sqrt(term.allan_variance(fine)) / scale
             axes.loglog(fine, deviation, "--", linewidth=0.8, label=type(term).__name__)
         lowest = measured[axis].min() / scale
-        axes.set_ylim(lowest / 5, measured[axis].max() / scale * 3)
+        axes.set_ylim(lowest / 5, recorded[axis].max() / scale * 3)
         axes.set(title=f"{data.part} {name}", xlabel="averaging time, s", ylabel=unit)
         _say_how_good(axes, fit)
         axes.grid(True, which="both", color="0.92", linewidth=0.5)

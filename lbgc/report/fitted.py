@@ -85,10 +85,7 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                     said += _printed(fit, name, KEYS[plain][which], static.dt)
                 lines.append(f"  {WORDS[plain]:30s} {said}")
             lines += [f"  {said}" for said in _together(fit, KEYS["line_sigma"][which])]
-            key = KEYS["B"][which]
-            lowest, tau = fit.allan_minimum
-            minimum = f"{lowest / factor(key):.4g} {unit_of(key)} at {tau:.3g} s"
-            lines.append(f"  {'Allan minimum of N, B, K':30s} {minimum}")
+            lines.append(f"  {'Allan minimum of N, B, K':30s} {_lowest(fit, KEYS['B'][which], n)}")
             for tone in fit.tones:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
@@ -96,6 +93,14 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
             lines += [f"  {said}" for said in remarks(fit, which)]
             lines.append(f"  {'goodness of fit':30s} {explained(fit)}")
     return "\n".join(lines)
+
+
+def _lowest(fit: Fit, key: str, seconds: float) -> str:
+    """The fitted curve's lowest point, where a log of so many seconds reaches as far."""
+    lowest, tau = fit.allan_minimum
+    if tau > seconds / 2:
+        return f"not within this log: N, B and K as told still fall at {seconds / 2:.3g} s"
+    return f"{lowest / factor(key):.4g} {unit_of(key)} at {tau:.3g} s"
 
 
 def _printed(fit: Fit, name: str, key: str, dt: float) -> str:

@@ -66,8 +66,10 @@ class Fit:
 
     @property
     def allan_minimum(self) -> tuple[float, float]:
-        """The lowest point of the fitted Allan deviation, unit, and its averaging time, s."""
-        n, b, k = (self.estimates[name].value for name in ("N", "B", "K"))
+        """The lowest point of the Allan deviation of N, B and K, unit, and its averaging time, s;
+        what the data cannot tell from zero is zero, as the sensor's file has it."""
+        told = (self.estimates[name] for name in ("N", "B", "K"))
+        n, b, k = (0.0 if e.is_limit else e.value for e in told)
         return allan_minimum(n, b, k, self.corners)
 
     def terms(self) -> gaussian.Gaussians:
