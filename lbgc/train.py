@@ -78,6 +78,9 @@ class TrainConfig:
     warm_up: int = 0
     """Steps at first in which a network that states a sigma learns headings alone: without a base
     it may else find no way but to know nothing."""
+    tempering: int = 16_000
+    """Windows of each length, drawn afresh (stream: true), that in the end set a stated sigma
+    right: n of them tell it to 1/sqrt(2 n), 16000 to 0.6%."""
     seed: int = 1
     """Of the network's first weights and the order of windows."""
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -87,7 +90,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         require(bool(self.data), "data", self.data, "must be a dataset's path")
         for name in ("mean_s", "steps", "batch", "learning_rate", "clip", "validate_every",
-                     "checkpoint_every"):  # fmt: skip
+                     "checkpoint_every", "tempering"):  # fmt: skip
             require_positive(name, getattr(self, name))
         if self.patience is not None:
             require_positive("patience", self.patience)
@@ -132,7 +135,7 @@ class TrainConfig:
             print(f"windows of {window:g} s are left out: the recordings last {longest_s:g} s")
         names = ("model", "steps", "batch", "learning_rate", "schedule", "clip",
                  "validate_every", "patience", "checkpoint_every", "seed", "warm_up",
-                 "threads")  # fmt: skip
+                 "tempering", "threads")  # fmt: skip
         lengths = {w: self.window_steps(w) or 1 for w in usable}
         return Plan(
             windows_steps=lengths,

@@ -252,7 +252,7 @@ def _window() -> Windows:
 
 
 def tiny_trainer() -> Trainer:
-    plan = Plan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1, 0, 0.0)
+    plan = Plan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1, 0, 0.0, 1)
     imu = _IMU.model(600.0)
     sensed = Sensed(_MODEL, _window().rate_hz, imu)
     source = Stored(_window(), np.zeros(len(_window()), int), AugmentConfig(), imu.gyro)

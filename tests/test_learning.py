@@ -374,6 +374,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "stream": "stream=true",
         "schedule": "schedule=cosine",
         "warm_up": None,  # of models that state a sigma: tests/test_swaying.py
+        "tempering": None,  # likewise: tests/test_residual.py
         "patience": None,  # when training ends: see its own test
         "threads": None,  # how fast, and not what; see test_residual
         "tensorboard": None,  # who is told, not what is learned

@@ -198,6 +198,18 @@ def test_a_correction_learns_what_repeats_and_says_how_sure_it_is(dataset, tmp_p
     assert 0.35 < np.mean((error / found.sigma) ** 2) < 1.65
 
 
+def test_more_windows_set_the_sigma_right_otherwise(dataset, tmp_path, monkeypatch):
+    """And the headings not at all."""
+    options = ("steps=2", "validate_every=2", "batch=8", "windows_s=[60]")
+    windows, found = recordings(dataset, "validation"), []
+    for count in (100, 200):
+        own = (*options, f"tempering={count}")
+        learned = Learned.load(trained(dataset, tmp_path / str(count), monkeypatch, *own))
+        found.append(learned(windows))
+    np.testing.assert_array_equal(found[0].heading, found[1].heading)
+    assert not np.any(found[0].sigma == found[1].sigma)
+
+
 def test_a_killed_training_ends_with_the_same_weights(dataset, tmp_path, monkeypatch):
     """Killed at step 17, checkpointed at 10: the same bytes and the same history; and the seconds
     of both parts are added up."""

@@ -26,8 +26,6 @@ from lbgc.sensor import streams
 SCHEDULES = ("onecycle", "cosine")
 _SCALES = (1e-5, 0.5)
 _MOST_FOR_SCALE = 1000
-_FRESH = 16_000
-"""Windows of each length that tell a sigma to 0.6%."""
 _KNOWN = 0.05
 """1 sigma of how wrong the logarithm of a trained network's sigma is thought to be beforehand."""
 
@@ -53,6 +51,8 @@ class Plan:
     """Steps at first in which a network that states a sigma learns headings alone."""
     reference_sigma: float
     """rad, the error of the headings that it is told, 1 sigma: no part of a stated sigma."""
+    tempering: int
+    """Windows of each length, drawn afresh, that in the end set a stated sigma right."""
     threads: int | None = None
     """Of the network's arithmetic; None: what its size is worth."""
 
@@ -224,7 +224,9 @@ class Trainer:
             self.validation, self.plan.windows_steps.values(), strict=True
         ):
             if self.source.fresh is not None:
-                x, reference_deg = self._there(self.source.fresh.draw(rng, _FRESH, steps))
+                x, reference_deg = self._there(
+                    self.source.fresh.draw(rng, self.plan.tempering, steps)
+                )
             spread = self.source.fresh is not None
             found[steps] = self._likeliest(self.net(x), reference_deg, spread)
         lengths = np.array(sorted(found))

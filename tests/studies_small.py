@@ -1,0 +1,22 @@
+"""What the tests of the studies share: which studies there are, and how one is run."""
+
+import json
+from pathlib import Path
+
+import yaml
+from helpers import ROOT, ran_small
+
+STUDIES = ROOT / "tests/studies"
+SMALL = yaml.safe_load((STUDIES / "small.yaml").read_text())
+_HELPERS = {"common", "scoring", "swaying", "vehicle_likeness"}
+_NAMES = {path.stem for path in STUDIES.glob("*.py")} - _HELPERS
+TRAINING = ["baseline", "faults", "hyperparameters", "learning", "paper"]
+OTHERS = sorted(_NAMES - set(TRAINING))
+
+
+def check(name: str, where: Path) -> None:
+    """The study runs in this directory, and says what it found."""
+    done = ran_small(STUDIES / f"{name}.py", where)
+    summary = json.loads((where / f"outputs/studies/{name}/summary.json").read_text())
+    assert "minutes" in summary, done.stdout
+    assert len(summary) > 2
