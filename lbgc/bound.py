@@ -106,8 +106,8 @@ def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
 def course_of(
     config: ProtocolConfig, duration_s: float, start_s: float = 0.0, settle_s: float = 0.0
 ) -> Course:
-    """Of a window that holds the whole protocol; settle_s : what the servo takes to bring the plate
-    to rest after each slew. Raises InputError where the window is too short for it."""
+    """The course of a window that holds the whole protocol; settle_s : what the servo takes to
+    bring the plate to rest after each slew. Raises InputError where the window is too short."""
     planned = plan(config, 0, duration_s)
     fine = 40
     interval = duration_s / MOST_BLOCKS

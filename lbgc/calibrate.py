@@ -29,7 +29,7 @@ _ONE_SIDED = 0.4
 _LEANT = 1e-3
 """Scale per deg/h/g from which it is said."""
 _UPRIGHT = 10 * DEG
-"""Of the forward axis from the vertical, within which it has no heading."""
+"""Angle between the forward axis and the vertical, below which there is no heading."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class Sheet:
     names: tuple[str, ...]
     """Empty where the file has no header, or a column no name."""
     units: tuple[str, ...]
-    """Of a row of units beneath the header; empty where there is none."""
+    """The units of a row beneath the header; empty where there is none."""
     rate_hz: float | None
     """What comments and preamble state."""
     source: "tables.Table | _Text"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 FEWEST_CHANGES = 20
-"""Of a column, before its pattern tells anything."""
+"""Changes of a column, below which its pattern tells nothing."""
 _MOST = 1000
 """Rows a sample, at the most."""
 _ALIKE = 0.98
@@ -17,10 +17,10 @@ _ALIKE = 0.98
 _BLOCK = 256
 _SIGMAS = 5.0
 LEAST_SHARE = 0.05
-"""Of rows that must be held before irregular holds are refused: below, they are harmless (a share h
-makes white noise look stronger by 1 + h at low frequency)."""
+"""Share of rows that must be held before irregular holds are refused: below, they are harmless (a
+share h makes white noise look stronger by 1 + h at low frequency)."""
 _SHORTER = 0.3
-"""Of what holds at random would make it: how much oftener rows repeat one apart than two apart."""
+"""How much oftener rows repeat one apart than two, as a share of what random holds would make."""
 _CHANCE = 0.01
 """How often rows may repeat by chance, where repeats are to be dropped."""
 
@@ -32,7 +32,7 @@ class Holds:
     columns: tuple[int, ...]
     """Rows for which each column holds a sample, regularly: 1 where it does not."""
     gyro_share: float
-    """Of rows at which the gyros hold their sample irregularly."""
+    """Share of rows at which the gyros hold their sample irregularly."""
     accel_share: float
     chance: float
     """Share of samples at which all six repeat by chance."""

@@ -8,7 +8,7 @@ import numpy as np
 _WIDE = 64
 """Samples over which a step is averaged, so that rounding and bursts average out."""
 _NEAR = 0.3
-"""Of a step: how far from whole numbers of steps stamps of an exact clock may be."""
+"""How far stamps of an exact clock may be from whole numbers of steps, as a share of a step."""
 _BACK = 2.5
 """Samples by which time must go back for it to be more than a late stamp before it."""
 _VALUES_AT_ONCE = 1_000_000

@@ -4,9 +4,6 @@ A file is judged as its user meets it: with the options that he would type, and 
 refused, with the option that the message names. Silent and wrong is what must not be.
 """
 
-import contextlib
-import io
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -17,15 +14,10 @@ from pathlib import Path
 import numpy as np
 from cases import CASES as GENERATORS
 from common import Report
-from helpers import composed
 from tqdm import tqdm
 
-import lbgc.evaluate
-import lbgc.fit
-from lbgc.errors import InputError
-from lbgc.evaluate import EvaluateConfig
-from lbgc.fit import FitConfig
 from lbgc.units import DEG, HOUR
+from real.clean import called
 
 EARTH_DEG_H = 15.041067
 RATE_HZ = 100.0
@@ -90,24 +82,7 @@ def ask(case: Case, home: Path, extra: Sequence[str] = ()) -> Outcome:
     told = ["log.latitude=48.1", f"log.heading_deg={heading}"]
     own = [o for o in case.options if case.program == "evaluate" or not o.startswith("windows_s")]
     options = ["log=csv", f"log.path='{path}'", *told, *own, *extra]
-    said = io.StringIO()
-    with (
-        tempfile.TemporaryDirectory() as scratch,
-        contextlib.chdir(scratch),
-        contextlib.redirect_stdout(said),
-        contextlib.redirect_stderr(io.StringIO()),
-    ):
-        try:
-            if case.program == "fit":
-                found = lbgc.fit.main(composed(FitConfig, "fit", *options))
-                result = json.loads((found / "fit.json").read_text())
-            else:
-                config = composed(EvaluateConfig, "evaluate", *options)
-                page = lbgc.evaluate.main(config)
-                result = json.loads((page.parent / "results.json").read_text())
-        except InputError as error:
-            return Outcome(str(error), said=said.getvalue())
-    return Outcome(None, result, said.getvalue())
+    return Outcome(*called(case.program, options))
 
 
 def is_right(case: Case, outcome: Outcome) -> list[str]:
