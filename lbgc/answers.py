@@ -38,7 +38,7 @@ def one_thread() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Own:
-    """Of W windows, what an estimator is not told."""
+    """What an estimator is not told of W windows."""
 
     heading: np.ndarray
     """(W,), rad, that errors are taken from; NaN where nobody knows it"""
@@ -48,7 +48,7 @@ class Own:
 
 @dataclass
 class Answers:
-    """Of one estimator at one window length, recording by recording."""
+    """Answers of one estimator at one window length, recording by recording."""
 
     errors: list[np.ndarray] = field(default_factory=list)
     sigma: list[np.ndarray] = field(default_factory=list)
@@ -97,11 +97,11 @@ class Evaluation:
     """Every estimator's answers, and why one has none."""
 
     recordings: list[str] = field(default_factory=list)
-    """Their names, by number."""
+    """Names of the recordings, by number."""
     answers: dict[tuple[str, float], Answers] = field(default_factory=dict)
-    """By estimator and window length."""
+    """Answers by estimator and window length."""
     refused: dict[tuple[str, float], str] = field(default_factory=dict)
-    """Likewise."""
+    """Why there is no answer, by estimator and window length."""
 
     def ask(
         self,

@@ -129,13 +129,13 @@ class BoundConfig:
     latitude: float = 32.76
     """degrees, north positive"""
     height_m: float = 0.0
-    """Above the ellipsoid."""
+    """Height above the ellipsoid."""
     rate_hz: float = 600.0
     """Samples a second of the IMU: counts add noise by it."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 120.0, 240.0])
     """Window lengths; the budget is of the longest."""
     start_s: float = 0.0
-    """Of the windows, since the recording's start: a random walk and warming up go on before."""
+    """Start of the windows in the recording: a random walk and warming up go on before."""
     known: list[str] = field(default_factory=list)
     """Lifetimes whose errors are known: unit, session, run."""
     reference_error_deg: float = 0.0

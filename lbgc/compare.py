@@ -48,9 +48,9 @@ class Row:
     rmse_deg: float
     """Mean over seeds of the validation RMSE over all window lengths, against the reference."""
     spread_deg: float
-    """Standard deviation over seeds; NaN for one."""
+    """Standard deviation of that RMSE over seeds; NaN for one."""
     latency_ms: float
-    """Of one window of the longest length, median, on this machine."""
+    """Latency of one window of the longest length, median, on this machine."""
 
 
 def main(config: CompareConfig) -> Path:
@@ -59,7 +59,7 @@ def main(config: CompareConfig) -> Path:
 
 
 def show(directories: Sequence[Path]) -> None:
-    """The same of these runs: a sweep's end."""
+    """Print the table of these runs, as at a sweep's end, and write it as CSV."""
     several = {d: description.read(d) for d in directories}
     print(_tabulated(list(several.items())))
 

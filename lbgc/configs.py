@@ -77,7 +77,7 @@ class _Open:
     is_mapping: bool
     size: int = 1
     key: str | None = None
-    """The last one."""
+    """The key that came last."""
     key_due: bool = True
 
 

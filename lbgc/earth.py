@@ -32,7 +32,7 @@ def normal_gravity(latitude: float, height: float = 0.0) -> float:
 
 
 def normal_gravities(latitude: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """The same at many latitudes, any shape."""
+    """WGS-84 normal gravity, m/s^2, at many latitudes, rad, any shape; see `normal_gravity`."""
     s2 = np.sin(latitude) ** 2
     surface = _GRAVITY_EQUATOR * (1 + _SOMIGLIANA_K * s2) / np.sqrt(1 - _ECCENTRICITY_SQUARED * s2)
     slope = 1 + _FLATTENING * (1 - 2 * s2) + _CENTRIFUGAL_SHARE

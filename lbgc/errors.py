@@ -28,7 +28,7 @@ CONF = str(Path(__file__).resolve().parents[1] / "conf")
 Config = TypeVar("Config")
 
 _LONGEST = 300
-"""Characters of another's message."""
+"""Characters that are shown of another parser's message, at most."""
 
 Axes = float | list[float]
 """A configured value for all three axes, or one for each (forward, right, down)."""
@@ -52,7 +52,7 @@ class InputError(ValueError):
         return printable(f"{shown}: {choices}" if choices else shown)
 
     def within(self, prefix: str) -> "InputError":
-        """The same error, its parameter named from one level further out."""
+        """This error with its parameter named from one level further out."""
         return InputError(f"{prefix}.{self.name}", self.value, self.unit, self.choices)
 
 

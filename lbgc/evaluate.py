@@ -52,16 +52,16 @@ class EvaluateConfig:
     untrained: bool = False
     """Whether models answer what they were not trained for, too: the table then names them so."""
     estimators: list[str] = field(default_factory=lambda: ["mean"])
-    """Classical ones, and the floor."""
+    """Classical estimators, and the floor."""
     estimator: str | None = None
-    """One of them, or all; instead of the list."""
+    """One estimator, or all; instead of the list."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 240.0])
     """Window lengths."""
     imu: ImuConfig | None = None
     """What estimators are told of the sensor: a log has nothing else to say it, and a dataset's own
     is used where this is null."""
     split: str = "test"
-    """Of the dataset."""
+    """Split of the dataset that is evaluated on."""
     known: list[str] = field(default_factory=list)
     """Lifetimes (unit, session, run) whose drawn errors a second floor is told: what knowing them
     would be worth. Datasets only."""

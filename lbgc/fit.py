@@ -37,12 +37,12 @@ class FitConfig:
     data: str | None = None
     """Or a dataset of resting recordings, whose noise is pooled."""
     name: str = "mine"
-    """Of the fitted sensor: `imu=NAME`."""
+    """Name of the fitted sensor: `imu=NAME`."""
     flicker_short_s: float | None = None
-    """Corners of the bias instability's flat floor. null: the shorter one is 1, or what the axes of
-    a sensor together ask for."""
+    """Shorter corner of the bias instability's flat floor. null: 1, or what the axes of a sensor
+    together ask for."""
     flicker_long_s: float = 3600.0
-    """The longer one."""
+    """Longer corner of the bias instability's flat floor."""
     skip_s: float = 0.0
     """Seconds to leave out at the start of each recording, while the sensor warms up."""
     processes: int | None = None
@@ -68,7 +68,7 @@ class FitConfig:
 
     @property
     def corners(self) -> tuple[float, float]:
-        """To begin with, s."""
+        """Corners of the bias instability's flat floor that the fit begins with, s."""
         return self.flicker_short_s or corner.USUAL, self.flicker_long_s
 
 

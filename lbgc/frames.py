@@ -7,7 +7,7 @@ NED_FROM_NWU = np.diag([1.0, -1.0, -1.0])
 
 
 def wrap(angle: np.ndarray | float) -> np.ndarray:
-    """The same angle in (-pi, pi]. angle : rad, any shape."""
+    """An angle brought into (-pi, pi]. angle : rad, any shape."""
     return np.pi - np.mod(np.pi - np.asarray(angle, dtype=float), 2 * np.pi)
 
 

@@ -61,11 +61,11 @@ class Headings:
 
 
 Table = Mapping[tuple[str, float], Sequence[Headings]]
-"""By estimator and window length: one for each recording."""
+"""Headings by estimator and window length: one for each recording."""
 
 
 def _number(value: float) -> float | None:
-    """JSON has no NaN."""
+    """A number for JSON, to six decimals; None where it is not finite."""
     return round(float(value), 6) if np.isfinite(value) else None
 
 

@@ -15,7 +15,7 @@ _WEIGHTS = 4e6  # held at once
 
 @dataclass(frozen=True)
 class Summary:
-    """Of W heading errors. Every name says what it is; degrees."""
+    """Figures of W heading errors, in degrees. Every name says what it is."""
 
     windows: int
     independent: int
@@ -24,20 +24,21 @@ class Summary:
     rmse_deg: float
     """Root mean square of the wrapped error."""
     median_deg: float
-    """Median of its size."""
+    """Median of the error's size."""
     iqr_deg: float
-    """Interquartile range of its size."""
+    """Interquartile range of the error's size."""
     p95_deg: float
-    """95th percentile of its size."""
+    """95th percentile of the error's size."""
     rmse_cos_latitude_deg: float
     """RMSE of the error times cos(latitude): navigators state gyrocompasses in degrees
     sec(latitude)."""
     mean_normalised_squared_error: float | None = None
-    """Of error/sigma: 1 where the stated sigma is true; None where none was stated, or zero."""
+    """Mean of (error/sigma)^2: 1 where the stated sigma is true; None where none was stated, or
+    zero."""
     sigma_deg: float | None = None
     """Root mean square of the stated sigmas; None where none was stated."""
     sigma_is_at_least: bool = False
-    """Whether it is a lower bound: the estimator was told nothing of the sensor."""
+    """Whether that sigma is a lower bound: the estimator was told nothing of the sensor."""
     microseconds_a_window: float | None = None
     """Processor time, of one thread: no more are used."""
     intervals: Mapping[str, tuple[float, float]] | None = None
@@ -46,7 +47,8 @@ class Summary:
 
 
 TRUE_SIGMA = (0.9, 1.1)
-"""Of the mean normalised squared error: a sigma is wrong by 5% at either end."""
+"""Range of the mean normalised squared error in which a sigma passes for true: it is wrong by 5% at
+either end."""
 
 
 def is_untrue(summary: Summary) -> bool:
@@ -109,7 +111,7 @@ def summarise(
 
 @dataclass(frozen=True)
 class Ratio:
-    """Of two RMSEs on the same windows."""
+    """Ratio of two RMSEs on the same windows."""
 
     value: float
     low: float
@@ -263,7 +265,8 @@ def _rmse_deg(errors: np.ndarray) -> float:
 
 
 def _drawn_rmse_deg(errors: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray | None:
-    """Of each resample at each length, (B, L)."""
+    """RMSE of each resample at each window length, degrees, (B, L); None where there is but one
+    window."""
     every = np.unique(np.concatenate([recording for _, recording in errors]))
     if len(every) == 1:
         if min(len(e) for e, _ in errors) < 2:
@@ -303,7 +306,8 @@ def _in_words(seconds: float, windows_s: Sequence[float]) -> str:
 def _seconds(
     windows_s: Sequence[float], rmse_deg: Sequence[float] | np.ndarray, error_deg: float
 ) -> float:
-    """The same; the shortest length where no longer one is needed, infinity where none does."""
+    """The window length, s, at which the RMSE comes down to this error for good: the shortest
+    length where no longer one is needed, infinity where none does."""
     above = [i for i, rmse in enumerate(rmse_deg) if rmse > error_deg]
     if not above:
         return windows_s[0]

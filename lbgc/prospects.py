@@ -11,7 +11,7 @@ from lbgc.protocol import ProtocolConfig
 from lbgc.sensor.datasheet import ImuConfig
 
 LEAST_GAIN = 0.02
-"""Of the error: a gain below it is none; the floor itself is told to 1%."""
+"""Share of the error below which a gain is none; the floor itself is told to 1%."""
 
 
 def prospects(configuration: Mapping[str, Any], window_s: float) -> str | None:
@@ -63,7 +63,8 @@ def _floor_deg(
 
 
 def _share(imu: ImuConfig, lifetimes: tuple[str, ...]) -> float:
-    """Of the horizontal gyros' bias variance, what is of these lifetimes; 0 where there is none."""
+    """Share of the horizontal gyros' bias variance that is of these lifetimes; 0 where there is
+    none."""
     gyro = imu.gyro.triad()
     variance = {
         part: float(np.mean(np.square(getattr(gyro, f"bias_{part}")[:2])))

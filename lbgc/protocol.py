@@ -25,7 +25,7 @@ class ProtocolConfig:
     recording a rest (the paper's experiment). indexed: go through angles within each recording,
     resting at each. carousel: turn all the time."""
     step_deg: float = 5.0
-    """heading_scan: between its headings."""
+    """heading_scan: angle between its headings."""
     angles_deg: tuple[float, ...] = (0.0, 180.0)
     """indexed: the plate's angles, in their order."""
     dwell_s: float | tuple[float, ...] | None = None

@@ -24,7 +24,8 @@ class Measured:
 
 
 _BATCH_BYTES = 6e6
-"""Of the gyros of recordings that are answered together: many short ones, two at full rate."""
+"""Bytes of the gyro data of recordings that are answered together: many short ones, two at full
+rate."""
 
 
 def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
@@ -72,8 +73,9 @@ def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterato
 def of_dataset(
     path: str, split: str, against: str, lifetimes: Sequence[str], told: ImuConfig | None
 ) -> tuple[Subject, Iterator[Measured], int]:
-    """The same of a dataset's split. lifetimes : whose drawn errors are taken out of second copies;
-    told : what estimators are told of the sensor instead of its own law."""
+    """A dataset split's description, its recordings and how many there are. lifetimes : whose drawn
+    errors are taken out of second copies; told : what estimators are told of the sensor instead of
+    its own law."""
     dataset = Dataset.open_finished(path)
     indices = dataset.in_split(split)
     require(len(indices) > 0, "split", split, "has no recordings in this dataset")

@@ -26,7 +26,7 @@ class Ended:
     overrides: str
     """What it was asked, as key=value."""
     path: str | None
-    """Its result; None: it has none."""
+    """The job's result; None: it has none."""
     error: str | None
     """What went wrong; None: nothing."""
 
@@ -55,6 +55,6 @@ def report(job: Ended) -> None:
 
 
 def ended(directory: Path) -> list[Ended]:
-    """Jobs by number."""
+    """Jobs that have ended, by number."""
     found = [Ended(**json.loads(file.read_text())) for file in directory.glob("[0-9]*.json")]
     return sorted(found, key=lambda job: job.number)

@@ -57,9 +57,9 @@ class TrainConfig:
     steps: int = 2000
     """Optimiser steps, at most."""
     batch: int = 100
-    """Windows a step."""
+    """Windows in each step."""
     learning_rate: float = 0.004
-    """Adam's, at its highest."""
+    """Learning rate of Adam, at its highest."""
     schedule: str = "onecycle"
     """onecycle: up within a tenth of the steps, then down. cosine: down from the start."""
     clip: float = 1.0
@@ -71,8 +71,8 @@ class TrainConfig:
     checkpoint_every: int = 500
     """Steps after which a killed training can go on from where it was."""
     threads: int | None = None
-    """Of the network's arithmetic; null: one, but for networks so large that more are worth it. No
-    weight depends on it but for rounding."""
+    """Threads of the network's arithmetic; null: one, but for networks so large that more are worth
+    it. No weight depends on it but for rounding."""
     tensorboard: bool = False
     """Metrics for TensorBoard too, in the run's directory."""
     warm_up: int = 0
@@ -82,7 +82,7 @@ class TrainConfig:
     """Windows of each length, drawn afresh (stream: true), that in the end set a stated sigma
     right: n of them tell it to 1/sqrt(2 n), 16000 to 0.6%."""
     seed: int = 1
-    """Of the network's first weights and the order of windows."""
+    """Seed of the network's first weights and the order of windows."""
     model: ModelConfig = field(default_factory=ModelConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     randomise: RandomiseConfig = field(default_factory=RandomiseConfig)
@@ -126,7 +126,8 @@ class TrainConfig:
         return content
 
     def plan(self, longest_s: float, reference_error_deg: float) -> Plan:
-        """For recordings of this length, whose reference errs so; longer windows are left out."""
+        """The plan for recordings of this length, whose reference errs so; longer windows are left
+        out."""
         usable = [w for w in self.windows_s if w <= longest_s + 1e-9]
         require(
             bool(usable), "windows_s", self.windows_s, f"none fits recordings of {longest_s:g} s"

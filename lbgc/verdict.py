@@ -27,7 +27,7 @@ from lbgc.sensor.datasheet import GyroConfig, ImuConfig
 from lbgc.sensor.imu import ImuModel
 
 MOST_DEG = 60.0
-"""Of a floor: above it, there is no heading."""
+"""Largest floor, degrees, with which there is a heading."""
 _MEDIAN = np.sqrt(2 * np.log(2.0))
 """Median length of two standard normals: a residual has two parts that no heading explains."""
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
@@ -43,7 +43,7 @@ class Verdict:
     floor_deg: float
     """RMSE to be expected of the Bayes-optimal estimator."""
     cause: str
-    """What makes most of it."""
+    """What makes most of the floor."""
 
     @property
     def can(self) -> bool:
@@ -86,7 +86,8 @@ class Evidence:
 
 
 def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None:
-    """Of the recordings whose plate rests; None where there is none. imu : what is stated."""
+    """What recordings whose plate rests say of the gyros' bias; None where none rests. imu : what
+    is stated."""
     found = []
     for record in records:
         if np.ptp(record.plate_angle) > _RESTS:
@@ -151,8 +152,8 @@ def judged(
 
 
 def verdicts(imu: ImuModel, record: Record, windows_s: Sequence[float]) -> list[Verdict]:
-    """On the recording's first window of each length that it is long enough for, and whose plate
-    does what tells of north."""
+    """Verdicts on the recording's first window of each length that it is long enough for, and whose
+    plate does what tells of north."""
     found = []
     for window_s in sorted(windows_s):
         try:

@@ -33,9 +33,9 @@ class ClusterConfig:
     kind: str = "serial"
     """serial; local: processes on this machine; dask: a scheduler that is running already."""
     workers: int | None = None
-    """Of cluster=local; null: one a core."""
+    """Processes of cluster=local; null: one a core."""
     address: str | None = None
-    """Of the dask scheduler."""
+    """Address of the dask scheduler."""
 
     def __post_init__(self) -> None:
         require_choice("kind", self.kind, ("serial", "local", "dask"))
@@ -55,7 +55,8 @@ class ClusterConfig:
 
     @property
     def threads(self) -> int:
-        """For one task; no number depends on it. On another's cluster a task is one of many."""
+        """Threads for one task; no number depends on it. On another's cluster a task is one of
+        many."""
         return 1 if self.kind == "dask" else max(1, (os.cpu_count() or 1) // self.processes)
 
 

@@ -67,11 +67,11 @@ class VibrationConfig:
     force_ug: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Amplitudes of the accelerations."""
     hz: Spread = 48.0
-    """Its frequency."""
+    """Frequency of the vibration."""
     drift_hz: Spread = 0.0
     """How far the frequency swings to either side."""
     drift_s: float = 60.0
-    """The swing's period."""
+    """Period of the frequency's swing."""
 
     def __post_init__(self) -> None:
         require_spread(self, "level", "drift_hz")
@@ -131,15 +131,15 @@ class KnocksConfig:
     """Footsteps and door slams, at random times."""
 
     per_minute: Spread = 0.0
-    """How many, on average."""
+    """How many knocks a minute, on average."""
     peak_mg: Spread = 2.0
     """1 sigma of a knock's peak acceleration along each axis."""
     tilt_arcsec: Spread = 1.0
-    """1 sigma of its peak tilt about each horizontal axis."""
+    """1 sigma of a knock's peak tilt about each horizontal axis."""
     hz: Spread = 15.0
-    """Of the floor's swinging."""
+    """Frequency of the floor's swinging."""
     damping: float = 0.1
-    """Of it."""
+    """Damping of the floor's swinging, by the radian of its phase."""
 
     def __post_init__(self) -> None:
         require_spread(self, "per_minute", "peak_mg", "tilt_arcsec")
@@ -232,15 +232,15 @@ class MooredConfig:
     """The paper's dynamic settings: a vessel at its moorings."""
 
     roll_deg: Spread = 0.0
-    """rms"""
+    """Rms roll."""
     pitch_deg: Spread = 0.0
-    """rms"""
+    """Rms pitch."""
     heave_m: Spread = 0.0
-    """rms"""
+    """Rms heave."""
     period_s: Spread = 8.0
-    """Of the waves."""
+    """Period of the waves, at their mean frequency."""
     width: float = 0.15
-    """1 sigma of their frequencies over the mean."""
+    """1 sigma of the waves' frequencies over the mean."""
 
     def __post_init__(self) -> None:
         require_spread(self, "roll_deg", "pitch_deg", "heave_m")
@@ -298,7 +298,7 @@ class FloorConfig:
 
     @cached_property
     def still(self) -> "Floor":
-        """Where none is on: its numbers say nothing, whatever they are."""
+        """The floor where nothing moves it: its numbers say nothing, whatever they are."""
         return self.draw(streams.figures(), 1.0)
 
 

@@ -43,17 +43,17 @@ class GenerateConfig:
     latitude: float = 32.76
     """degrees, north positive"""
     height_m: float = 0.0
-    """Above the ellipsoid: gravity is less up there."""
+    """Height above the ellipsoid: gravity is less up there."""
     rate_hz: float = 600.0
     """Samples a second of the IMU."""
     duration_s: float = 240.0
-    """Of each recording."""
+    """Duration of each recording."""
     recordings: int = 80
-    """How many."""
+    """How many recordings the dataset has."""
     seed: int = 1
-    """Which recordings."""
+    """Seed of the recordings: which are drawn."""
     unit_seed: int = 4
-    """Whose sensors."""
+    """Seed of the units: whose sensors the recordings are of."""
     units: int = 1
     """Serial numbers; recordings go round them in turn."""
     sessions: int = 1
@@ -131,7 +131,7 @@ class GenerateConfig:
 
     @property
     def samples(self) -> int:
-        """Of the sensor, a recording."""
+        """Samples of the sensor in a recording."""
         return round(self.duration_s * self.rate_hz)
 
     @property
@@ -207,7 +207,7 @@ def make_shard(config: GenerateConfig, path: str, shard: int) -> None:
 def _make(
     config: GenerateConfig, dataset: store.Dataset, shard: int, tick: Callable[[], object]
 ) -> None:
-    """The same, the dataset open. `tick` hears each recording.
+    """Make a shard of an open dataset. `tick` hears each recording.
 
     By one thread: those of several workers would wait for each other's cores, which took twice the
     time, and a product's last bits could depend on how many there are.

@@ -72,7 +72,7 @@ def felt(
     steps: int,
     carried: np.ndarray | None = None,
 ) -> Felt:
-    """From the poses at t_-1, t_0, ... t_m, t_(m+1), with m = n x steps.
+    """What is felt, from the poses at t_-1, t_0, ... t_m, t_(m+1), with m = n x steps.
 
     attitude : (m + 3, 3, 3), C; place : (m + 3, 3), m, x; step : s; steps : a sample's;
     carried : (m + 3, 3), m/s, u.
@@ -90,7 +90,7 @@ def felt(
         velocity += (u[:-1] + u[1:]) / 2
 
     def mean(values: np.ndarray) -> np.ndarray:
-        """Over each sample's steps: few, so that adding slices is fast."""
+        """Mean over each sample's steps: few, so that adding slices is fast."""
         return sum((values[k::steps] for k in range(1, steps)), values[::steps]) / steps
 
     return Felt(

@@ -44,11 +44,11 @@ class Draw:
     floor: Floor
     sway_level: float
     sway: np.random.Generator | None
-    """Of the forces that sway the base, if any do"""
+    """Random generator of the forces that sway the base, if any do"""
 
     @property
     def level(self) -> np.ndarray:
-        """From the base's axes to A, North-East-Down turned by the azimuth: (3, 3)."""
+        """Rotation from the base's axes to A, North-East-Down turned by the azimuth: (3, 3)."""
         return euler_to_matrix(self.roll, self.pitch, 0.0)
 
 
@@ -58,8 +58,9 @@ def draw(
     stream: Callable[[], np.random.Generator],
     duration_s: float,
 ) -> Draw:
-    """From the recording's own stream, which nothing else draws from, and which is only begun where
-    anything is drawn. azimuth : rad, of the base where the scene does not fix it."""
+    """A bench's draw from the recording's own stream, which nothing else draws from, and which is
+    only begun where anything is drawn. azimuth : rad, of the base where the scene does not fix
+    it."""
 
     def own(number: int) -> np.random.Generator:
         return streams.child(stream(), number)
@@ -80,8 +81,8 @@ def draw(
 
 @dataclass(frozen=True)
 class Truth:
-    """Of the test module, over a recording of n blocks; a block may be one sample. Of several
-    recordings, each array has one more axis in front."""
+    """True motion of the test module, over a recording of n blocks; a block may be one sample. For
+    several recordings, each array has one more axis in front."""
 
     omega_ib_b: np.ndarray
     """(3, n), or (3, 1) where it is constant; rad/s, means over the block; of each of its samples,
@@ -133,7 +134,7 @@ def truths(
     block: int = 1,
     every_sample: bool = False,
 ) -> Iterator[Truth]:
-    """The same for several recordings, some at a time; they share so many threads where the base
+    """The truth of several recordings, some at a time; they share so many threads where the base
     sways. Each is worked out by itself, to the bit, whatever others there are.
 
     height : m, above the ellipsoid; block : samples, to take means over; every_sample : of rate and
@@ -174,7 +175,8 @@ def _rigid(
     block: int,
     felt_block: int,
 ) -> Iterator[Truth]:
-    """On bases that do not move: all that rest together, or that one execution of a plan serves."""
+    """Truth on bases that do not move: all that rest together, or that one execution of a plan
+    serves."""
     resting = {p: execute_resting(bench, gravity, p) for p in dict.fromkeys(plans) if not p.moves}
     together = max(1, int(_TOGETHER_VALUES // (bench.samples // felt_block)))
     each = zip(plans, draws, strict=True)
@@ -237,7 +239,7 @@ def _in_body(felt: Sequence[Felt], vectors: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=4)
 def _felt(executed: Executed, block: int) -> Felt:
-    """On a rigid base."""
+    """What is felt on a rigid base."""
     return executed.felt.averaged(block)
 
 
@@ -256,7 +258,7 @@ def _moving_course(executed: Executed, block: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _stage(samples: np.ndarray) -> np.ndarray:
-    """Of blocks, (n,), from their samples' (n, block)."""
+    """Stages of blocks, (n,), from their samples' (n, block)."""
     driven, settling = (samples == SLEW).any(axis=1), (samples == SETTLE).any(axis=1)
     return np.where(driven, SLEW, np.where(settling, SETTLE, REST)).astype(np.int8)
 
@@ -322,7 +324,8 @@ def _rigid_attitudes(executed: Executed, lean: np.ndarray, block: int) -> np.nda
 
 @lru_cache(maxsize=64)
 def _rigid_attitude(executed: Executed, lean: tuple[float, float], block: int) -> np.ndarray:
-    """On a base that leans by so much, roll and pitch in rad, and does not move."""
+    """The attitude (see Truth) on a base that leans by so much, roll and pitch in rad, and does not
+    move."""
     level = euler_to_matrix(*lean, 0.0)
     ends = level @ executed.ends
     return _attitude(ends, level @ executed.start, executed, block)

@@ -60,7 +60,7 @@ def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
 
 @lru_cache(maxsize=512)
 def execute_resting(bench: Bench, gravity: float, plan: Plan) -> Executed:
-    """The same of a plan without moves, which holds a single pose and is kept for long."""
+    """Execute a plan without moves, which holds a single pose and is kept for long."""
     return execute(bench, gravity, plan)
 
 
@@ -76,14 +76,14 @@ def _sensed(scene: SceneConfig, gravity: float, angle: float) -> tuple[Poses, np
 
 
 def _rest(bench: Bench, gravity: float, angle: float, first: int, samples: int) -> Stretch:
-    """Where the plate stands."""
+    """The stretch in which the plate stands at this angle."""
     poses, _ = _sensed(bench.scene, gravity, angle)
     return Stretch(first, samples, poses, np.broadcast_to(np.int8(REST), samples))
 
 
 def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) -> Stretch:
-    """From rest at this angle at sample `first` until the plate rests again and nothing is
-    commanded, or the recording ends."""
+    """The stretch from rest at this angle at sample `first` until the plate rests again and nothing
+    is commanded, or the recording ends."""
     model = load(bench.scene, gravity)
     state, pool = _state(model, stands), data_for(model, 1)
     chunk = max(1, round(_CHUNK_S * bench.rate_hz))
@@ -269,7 +269,7 @@ def _servo(model: mujoco.MjModel, bench: Bench, plan: Plan, first: int, count: i
 
 
 def _state(model: mujoco.MjModel, angle: float) -> np.ndarray:
-    """At rest with the plate at this angle."""
+    """The state at rest with the plate at this angle."""
     data = mujoco.MjData(model)
     data.joint("azimuth").qpos[0] = angle
     return _taken(model, data)
@@ -293,7 +293,7 @@ def _control(scene: SceneConfig, model: mujoco.MjModel, sensors: np.ndarray) -> 
 
 
 def _poses(model: mujoco.MjModel, sensors: np.ndarray) -> Poses:
-    """From sensors (m, all of them)."""
+    """Poses from sensors (m, all of them)."""
 
     def read(name: str) -> np.ndarray:
         sensor = model.sensor(name)

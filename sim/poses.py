@@ -31,13 +31,13 @@ class Bench:
 
     @property
     def steps(self) -> int:
-        """Of the physics, a sample."""
+        """Steps of the physics in a sample."""
         return round(self.scene.physics_hz / self.rate_hz)
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Of the test module at m physics instants, in the base's axes as it stands at rest."""
+    """Poses of the test module at m physics instants, in the base's axes as it stands at rest."""
 
     quaternion: np.ndarray  # (m, 4), body to North-West-Up
     place: np.ndarray  # (m, 3), m, North-West-Up
@@ -110,7 +110,7 @@ class Executed:
 
     @cached_property
     def felt(self) -> Felt:
-        """In the base's axes, over the recording; one sample where nothing moves."""
+        """What is felt in the base's axes, over the recording; one sample where nothing moves."""
         if not self.moves:
             return kinematics.resting(self.pose(self.stretches[0].poses)[0][0])
         parts = []
@@ -143,7 +143,7 @@ class Executed:
 
     @property
     def moves(self) -> bool:
-        """Whether anything does."""
+        """Whether anything moves."""
         return any(s.moves for s in self.stretches)
 
     @cached_property

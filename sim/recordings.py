@@ -44,7 +44,7 @@ class Sensor:
         return ("gyro", self.gyro, Purpose.GYRO), ("accel", self.accel, Purpose.ACCEL)
 
     def lasting(self, rows: Sequence[int]) -> dict[Purpose, Lasting]:
-        """Of each triad, drawn once a unit and session."""
+        """Errors of each triad that last, drawn once a unit and session."""
         seed, units = self.config.unit_seed, self.config.units
         unit, session = _lifetimes(self.config, rows)
         own, row = np.unique(session * units + unit, return_inverse=True)
@@ -97,7 +97,7 @@ class Sensor:
 
 
 def _rows(each: Sequence[Lasting], pick: np.ndarray | slice) -> Lasting:
-    """These of several."""
+    """Those of several recordings' lasting errors that `pick` selects."""
     units, sessions = zip(*each, strict=True)
     stacked = {name: np.stack([vars(u)[name] for u in units]) for name in vars(units[0])}
     return UnitErrors(**stacked).rows(pick), np.stack(sessions)[pick]
@@ -209,7 +209,7 @@ def _moved(truth: Truth, draws: Sequence[Draw]) -> dict[str, np.ndarray]:
 
 
 def _stacked(values: Sequence[np.ndarray]) -> np.ndarray:
-    """With one more axis in front; one alone is not copied."""
+    """The values with one more axis in front; one alone is not copied."""
     return np.asarray(values[0])[None] if len(values) == 1 else np.stack(values)
 
 

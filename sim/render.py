@@ -33,15 +33,15 @@ class ViewConfig:
     out: str | None = None
     """A picture (.png) or a film (.gif) to write; null: a window to look round in."""
     width: int = 960
-    """Pixels."""
+    """Width of the picture, pixels."""
     height: int = 720
-    """Pixels, of the scene itself."""
+    """Height of the scene itself, pixels."""
     plate_angle_deg: float = 30.0
     """Where the plate stands in a picture."""
     latitude: float = 32.76
     """degrees, of a film's rates and forces"""
     duration_s: float = 15.0
-    """Of a film, and of what the window repeats."""
+    """Duration of a film, and of what the window repeats."""
     scene: SceneConfig = field(default_factory=SceneConfig)
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
 

@@ -34,26 +34,26 @@ class SceneConfig:
     physics_hz: float = 1200.0
     """Physics steps a second; the IMU's period must be a whole number of steps."""
     servo_stiffness_nm_per_rad: float = 60.0
-    """Of the servo that drives the plate."""
+    """Stiffness of the servo that drives the plate."""
     servo_damping_nm_s_per_rad: float = 9.0
-    """Of the servo, against the rate that is commanded."""
+    """Damping of the servo: it acts on the commanded rate less the plate's."""
     servo_torque_nm: float = 5.0
-    """The most it can give."""
+    """The most torque that the servo can give."""
     bearing_damping_nm_s_per_rad: float = 0.05
-    """Viscous, of the plate's bearing."""
+    """Viscous damping of the plate's bearing."""
     bearing_friction_nm: float = 0.0
     """Dry friction of the bearing; below twice friction over servo damping (rad/s) it gives way
     like grease, half as viscous as that damping."""
     arm_m: float = 0.27
-    """From the plate's axis to either module."""
+    """Distance from the plate's axis to either module."""
     base_azimuth_deg: float | None = None
     """Where the base points; null: each recording draws its own, as its protocol has it."""
     base_roll_deg: float = 0.0
     """How the base stands, forward axis north: z-y-x angles, yaw being its azimuth."""
     base_pitch_deg: float = 0.0
-    """Likewise."""
+    """The base's pitch, of the same z-y-x angles as its roll."""
     level_error_deg: float = 0.0
-    """1 sigma of its levelling in roll and in pitch, new every recording."""
+    """1 sigma of the base's levelling in roll and in pitch, new every recording."""
     axis_tilt_deg: float = 0.0
     """The hinge axis against the base's: it leans to the right."""
     axis_wobble_arcsec: float = 0.0
@@ -61,9 +61,9 @@ class SceneConfig:
     encoder_lsb_arcsec: float | None = None
     """Count of the plate's encoder; null: it reads to rounding."""
     encoder_error_arcsec: float = 0.0
-    """Amplitude of its error, once a turn (an eccentric disc)."""
+    """Amplitude of the encoder's error, once a turn (an eccentric disc)."""
     encoder_latency_s: float = 0.0
-    """How old its reading is."""
+    """How old the encoder's reading is."""
     reference_error_deg: float = 0.2
     """1 sigma of the control module's heading, new every recording."""
     floor: FloorConfig = field(default_factory=FloorConfig)
@@ -140,13 +140,13 @@ def _with_friction(spec: mujoco.MjSpec, torque: float, viscosity: float) -> None
 
 
 def plate_inertia(model: mujoco.MjModel) -> float:
-    """About the hinge, kg m^2, modules included."""
+    """The plate's moment of inertia about the hinge, kg m^2, modules included."""
     dof = int(model.joint("azimuth").dofadr[0])
     return float(_mass_matrix(model)[dof, dof])
 
 
 def _mass_matrix(model: mujoco.MjModel) -> np.ndarray:
-    """In the pose of rest, (nv, nv)."""
+    """The mass matrix in the pose of rest, (nv, nv)."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     matrix = np.empty((model.nv, model.nv))

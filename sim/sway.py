@@ -33,25 +33,26 @@ class SwayConfig:
     """Scales every force; 0: nothing sways, and the joints are not there. [low, high]: drawn
     uniformly for each recording."""
     mass_kg: float = 2000.0
-    """Of the vehicle, without the table."""
+    """Mass of the vehicle, without the table."""
     inertia_kg_m2: tuple[float, ...] = (740.0, 2600.0, 3200.0)
-    """About its centre of mass: roll, pitch, yaw."""
+    """Moments of inertia about its centre of mass: roll, pitch, yaw."""
     com_height_m: float = 0.19
-    """Of that centre above the floor that the table stands on."""
+    """Height of the centre of mass above the floor that the table stands on."""
     roll_axis_height_m: float = -0.41
-    """Of the axis about which the suspension rolls, above that floor, below the table."""
+    """Height of the axis about which the suspension rolls, above the table's floor, below the
+    table."""
     pitch_axis_height_m: float = -0.6
-    """Of the axis about which it pitches."""
+    """Height of the axis about which the suspension pitches, above the table's floor."""
     roll_axis_slope_deg: float = 3.7
     """How far the roll axis points down in front."""
     frequency_hz: tuple[float, ...] = (2.3, 3.26, 3.6, 2.29, 2.62, 2.97)
-    """Natural, of each joint with the others held."""
+    """Natural frequency of each joint with the others held."""
     damping_ratio: tuple[float, ...] = (0.35, 0.008, 0.068, 0.2, 0.02, 0.15)
-    """Likewise."""
+    """Damping ratio of each joint with the others held."""
     load_n: float = 614.0
     """The people's weight as it moves, 1 sigma over a long time: what presses on the springs."""
     load_nm: tuple[float, ...] = (491.0, 981.0)
-    """Its moments about the roll and the pitch axis, likewise, as people move about."""
+    """The weight's moments about the roll and the pitch axis, 1 sigma, as people move about."""
     load_forward_m: float = 0.66
     """Where they mostly sit: so far in front of the springs' middle, weight also pitches."""
     load_s: tuple[float, ...] = (5.0, 4.0, 7.0)
@@ -63,23 +64,24 @@ class SwayConfig:
     agitation_nm: float = 30.0
     """Rms of the moments that shake roll, pitch and yaw."""
     agitation_hz: float = 2.0
-    """Above it agitation falls off, as f^-2."""
+    """Frequency above which agitation falls off, as f^-2."""
     wind_n: float = 3.0
     """Rms of the wind's forces on surge, sway and heave."""
     wind_nm: float = 3.0
-    """Rms of its moments on roll, pitch and yaw."""
+    """Rms of the wind's moments on roll, pitch and yaw."""
     wind_hz: float = 1.5
-    """Above it wind falls off, as f^-1."""
+    """Frequency above which wind falls off, as f^-1."""
     restlessness: float = 0.006
-    """Activity in the quiet."""
+    """Activity of the people in the quiet."""
     quiet_s: float = 80.0
     """Mean time between spells."""
     spell_s: float = 17.0
     """Mean length of a spell."""
     regularity: float = 12.0
-    """Of both: shape of their gamma distributions; 1: as irregular as rain, large: a clock."""
+    """Shape of the gamma distributions of quiet and spells' lengths; 1: as irregular as rain,
+    large: a clock."""
     spell_spread: float = 0.35
-    """Of a spell's activity about 1: 1 sigma of its logarithm."""
+    """Spread of a spell's activity about 1: 1 sigma of its logarithm."""
 
     def __post_init__(self) -> None:
         require_spread(self, "level")
@@ -105,7 +107,7 @@ class SwayConfig:
 
 
 def forces(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """At level 1, on the joints in the order of `JOINTS`: (steps, 6), N and N m; dt : s.
+    """Forces at level 1, on the joints in the order of `JOINTS`: (steps, 6), N and N m; dt : s.
 
     A recording starts as it goes on: with people somewhere, and in any part of a spell.
     """
@@ -163,7 +165,8 @@ def _load(
 
 
 def _ornstein_uhlenbeck(rng: np.random.Generator, u: np.ndarray) -> np.ndarray:
-    """Of unit variance, exact at instants u (in correlation times, never decreasing).
+    """Ornstein-Uhlenbeck process of unit variance, exact at instants u (in correlation times, never
+    decreasing).
 
     x[k] = e^-d x[k-1] + sqrt(1 - e^-2d) e[k] with d = u[k] - u[k-1], solved as the running sum of
     e^u times the noise; in stretches, so that e^u does not overflow.

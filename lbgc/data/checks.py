@@ -37,7 +37,8 @@ def checked(
 def _findings(
     record: Record, config: LogConfig, imu: ImuModel | None, north: bool
 ) -> Iterator[Finding]:
-    """In an order in which the first refusal names the cause: values, units, frames, geometry."""
+    """Findings in an order in which the first refusal names the cause: values, units, frames,
+    geometry."""
     every = channels(record, config, imu)
     values = (
         stuck_finding(record, every),

@@ -29,7 +29,7 @@ _EPOCHS_S = (946_684_800.0, 4_102_444_800.0)
 _WRAPS = tuple(2.0**bits for bits in (8, 15, 16, 24, 31, 32)) + tuple(
     span * scale for span in (1.0, 60.0, 3600.0, 86400.0, 604800.0) for scale in (1, 1e3, 1e6, 1e9)
 )
-"""At which counters and times of day or week begin again."""
+"""Values at which counters and times of day or week begin again."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Said:
     """What is known of a log's clock beside its stamps."""
 
     unit: str
-    """auto, or of TIME_UNITS."""
+    """Unit of the stamps: auto, or one of TIME_UNITS."""
     column: str | None = None
-    """What the column's own name says."""
+    """Unit that the column's own name says."""
     rate_hz: float | None = None
-    """What the user or the file's comments say."""
+    """Rate that the user or the file's comments say."""
     first: float = 0.0
     """The first stamp."""
 

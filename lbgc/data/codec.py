@@ -13,7 +13,8 @@ _HEADER = 16
 
 
 class WholeBlosc(BloscCodec):
-    """The same codec, for reading and writing; `zarr` uses it in this process once it is taken."""
+    """Blosc that decodes nothing but whole frames, for reading and writing; `zarr` uses it in this
+    process once it is taken."""
 
     def _decode_sync(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
         frame = chunk_bytes.to_bytes()
@@ -25,7 +26,7 @@ class WholeBlosc(BloscCodec):
 
 
 def take() -> None:
-    """Let Zarr decode Blosc with it."""
+    """Let Zarr decode Blosc with `WholeBlosc`."""
     name = f"{WholeBlosc.__module__}.{WholeBlosc.__qualname__}"
     register_codec("blosc", WholeBlosc, qualname=name)
     zarr.config.set({"codecs.blosc": name})

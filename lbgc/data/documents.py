@@ -62,7 +62,7 @@ class Layout:
         return next(size for size in range(most, 0, -1) if self.shard % size == 0)
 
     def dtype(self, name: str) -> np.dtype:
-        """As it is stored."""
+        """The type in which a variable is stored."""
         scale = self.scales.get(name)
         return np.dtype(VARIABLES[name].dtype or ("float32" if scale is None else "int32"))
 

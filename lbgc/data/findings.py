@@ -30,7 +30,7 @@ class Finding:
     """What one check says of one recording."""
 
     check: str
-    """Its name, of CHECKS."""
+    """Name of the check, one of CHECKS."""
     name: str
     """The parameter that it is about, such as log.axes."""
     value: Any

@@ -17,7 +17,7 @@ from lbgc.data.stated import stated_rate
 from lbgc.errors import InputError, reading, require
 
 _LARGEST = 4 * 2**30
-"""Bytes."""
+"""Size of the largest file that is read, bytes."""
 _HEAD = 4 * 2**20
 _SHOWN = 60
 _MARKS = (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (
@@ -41,7 +41,7 @@ class Sheet:
     units: tuple[str, ...]
     """The units of a row beneath the header; empty where there is none."""
     rate_hz: float | None
-    """What comments and preamble state."""
+    """Rate that comments and preamble state."""
     source: "tables.Table | _Text"
 
     @property
@@ -105,7 +105,7 @@ def _utf8(content: bytes, key: str, path: Path) -> bytes:
 @dataclass(frozen=True)
 class _Text:
     content: bytes
-    """UTF-8, with plain line ends."""
+    """The file as UTF-8, with plain line ends."""
     layout: Layout
     file: str
 
@@ -165,8 +165,8 @@ class _Text:
                 if line.strip() and not is_comment(line, self.layout.separator)]  # fmt: skip
 
     def _mended(self, body: bytes) -> tuple[bytes, list[str]]:
-        """Less a last line that was cut short. Raises InputError at any other row that has not as
-        many fields as the first."""
+        """The body less a last line that was cut short. Raises InputError at any other row that has
+        not as many fields as the first."""
         rows = self._lines()
         for at, (number, line) in enumerate(rows):
             found = len(fields(line, self.layout.separator))

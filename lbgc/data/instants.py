@@ -21,7 +21,7 @@ class Hole:
     row: int
     """The last row before it, counted from zero."""
     missing: int
-    """Samples; negative where time goes back."""
+    """How many samples are missing; negative where time goes back."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,13 @@ class Instants:
     """What stamps say of the samples, in the stamps' own unit of time."""
 
     step: float
-    """Between two samples of the even clock."""
+    """Time between two samples of the even clock."""
     holes: tuple[Hole, ...]
     repeated: int
-    """Stamps that stand there once more."""
+    """How many stamps repeat the one before."""
     scatter: float
-    """Of the stamps about the even clock, in steps, as a standard deviation (by their median)."""
+    """Scatter of the stamps about the even clock, in steps, as a standard deviation (by their
+    median)."""
 
 
 def instants(stamps: np.ndarray) -> Instants:

@@ -31,17 +31,18 @@ class LogConfig:
     path: str = ""
     """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS."""
     gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
-    """The file's x, y and z. Where it has none of the default ones, names such as gx (deg/s),
-    gyro_x or angular_velocity.x are found."""
+    """The file's gyro columns, x, y and z. Where it has none of the default ones, names such as gx
+    (deg/s), gyro_x or angular_velocity.x are found."""
     accel_columns: list[str] = field(default_factory=lambda: list(DEFAULT_ACCEL))
-    """The file's x, y and z."""
+    """The file's accelerometer columns, x, y and z."""
     columns: list[Any] | None = None
-    """All six instead: names, or positions counted from one."""
+    """All six columns instead: names, or positions counted from one."""
     time_column: Any = None
-    """Its name or position, or [seconds, nanoseconds] of two; null: found by its name, if there;
-    none: not used."""
+    """The time column's name or position, or [seconds, nanoseconds] of two; null: found by its
+    name, if there; none: not used."""
     time_unit: str = "auto"
-    """Of TIME_UNITS; auto: as the column's name says, or the one that makes sense."""
+    """Unit of the time column, one of TIME_UNITS; auto: as the column's name says, or the one that
+    makes sense."""
     gaps: str = "refuse"
     """A log with holes: refuse, read its longest piece, split into pieces, or join as if nothing
     were missing. Up to ten samples here and there, a percent of all, are read over."""
@@ -50,11 +51,11 @@ class LogConfig:
     rate where they repeat regularly, refused else; drop: rows like the one before are left out;
     keep: each row is a sample."""
     gyro_unit: str = "rad/s"
-    """Of a rate, or of an increment a sample (rad, deg, arcsec); auto: as the columns' names say,
-    deg/s where they say nothing."""
+    """Unit of the gyro columns: of a rate, or of an increment a sample (rad, deg, arcsec); auto: as
+    the columns' names say, deg/s where they say nothing."""
     accel_unit: str = "m/s2"
-    """Of a specific force, or of an increment a sample (m/s, g*s, ug*s); auto: m/s2 or g,
-    whichever makes the log rest at 1 g."""
+    """Unit of the accelerometer columns: of a specific force, or of an increment a sample (m/s,
+    g*s, ug*s); auto: m/s2 or g, whichever makes the log rest at 1 g."""
     gyro_scale: float = 1.0
     """Units a count."""
     accel_scale: float = 1.0
@@ -62,8 +63,8 @@ class LogConfig:
     axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
     """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
     accel_axes: list[str] | None = None
-    """The same of accelerometers whose axes or sign are not the gyros'; null: they are the gyros'.
-    Accelerometers that print +g down beside gyros [x, y, z] are [-x, -y, -z]."""
+    """As `axes`, of accelerometers whose axes or sign are not the gyros'; null: they are the
+    gyros'. Accelerometers that print +g down beside gyros [x, y, z] are [-x, -y, -z]."""
     rate_hz: float | None = None
     """Samples a second; null: from the time column or the header."""
     latitude: float | None = None
@@ -129,7 +130,7 @@ class LogConfig:
 
 
 def _require_columns(columns: list[Any] | None, time: Any) -> None:
-    """Names, or positions from one."""
+    """Raise InputError unless columns are names, or positions counted from one."""
     if columns is not None:
         six = len(columns) == 6 and len(set(map(str, columns))) == 6
         require(six, "columns", columns, "must be six: gyro x, y, z, accelerometer x, y, z")

@@ -42,7 +42,7 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
 
 
 def _records(raw: Raw) -> Iterator[Record]:
-    """To SI, to forward-right-down, each piece a record."""
+    """Records in SI and forward-right-down, one for each piece."""
     require(len(raw.gyro) > 1, raw.name, f"{len(raw.gyro)} samples", "is no recording")
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
@@ -57,7 +57,7 @@ def _records(raw: Raw) -> Iterator[Record]:
 
 
 def _timing(raw: Raw) -> Timing:
-    """Of its stamps, or of the stated rate where it has none."""
+    """Timing by the log's stamps, or by the stated rate where it has none."""
     stated = raw.config.rate_hz
     if raw.stamps is None:
         require(

@@ -15,24 +15,24 @@ NONE = "none"
 
 @dataclass(frozen=True)
 class Picked:
-    """Columns by position."""
+    """The columns that are read, by position."""
 
     gyro: tuple[int, ...]
     accel: tuple[int, ...]
     time: tuple[int, ...]
     """One, or whole seconds and nanoseconds; empty where there is none."""
     gyro_unit: str | None
-    """As the columns' names say, or the row beneath them; None where they do not."""
+    """Unit that the columns' names say, or the row beneath them; None where they do not."""
     accel_unit: str | None
     time_unit: str | None
     time_is_said: bool
-    """Whether the user named it."""
+    """Whether the user named the time's column."""
     time_name: str = ""
 
 
 def picked(sheet: Sheet, config: LogConfig) -> Picked:
-    """By the names or positions that the configuration gives, or else by what names say. Raises
-    InputError."""
+    """The columns to read, by the names or positions that the configuration gives, or else by what
+    names say. Raises InputError."""
     says = [described(name, _unit_below(sheet, at)) for at, name in enumerate(sheet.names)]
     six = _six(sheet, config, says)
     time = _time(sheet, config, says)
@@ -74,7 +74,7 @@ def _position(sheet: Sheet, key: str, name: object) -> int:
 
 
 def _bare(name: str) -> str:
-    """Without a unit in brackets."""
+    """A name without a unit in brackets."""
     for bracket in "([":
         name = name.split(bracket)[0] or name
     return name.strip()

@@ -87,7 +87,7 @@ def channels(record: Record, config: LogConfig, imu: ImuModel | None) -> list[Ch
 
 
 def listed(names: Sequence[str]) -> str:
-    """gyro x, y and accelerometer z."""
+    """Channels' names in words, such as: gyro x, y and accelerometer z."""
     triads: dict[str, list[str]] = {}
     for name in names:
         triad, axis = name.split()

@@ -18,7 +18,7 @@ from lbgc.errors import InputError, reading, require
 
 _NONSENSE = 1e30
 _MS, _G, _SCALES = (1e-3, 1e6), (1.0, 100.0), (1e-9, 1e9)
-"""Of a PSINS header: interval, m/s^2, and arcsec or ug s a count."""
+"""Bounds of a PSINS header's interval (ms), g (m/s^2), and arcsec or ug s a count."""
 _HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
 
 
@@ -32,7 +32,7 @@ class Raw:
     accel: np.ndarray
     """(T, 3), as printed"""
     config: LogConfig
-    """With what the file's header or name added."""
+    """The configuration, with what the file's header or name added."""
     stamps: np.ndarray | None = None
     """(T,), in a unit that `said` may know; int64 where exact."""
     said: Said = field(default_factory=lambda: Said("auto"))
@@ -62,7 +62,8 @@ def find(path: str) -> Path:
 
 
 def only_file(path: Path, named: str | Path) -> Path:
-    """Of a device or a pipe there may be no end."""
+    """Return the path; raise InputError unless it is a plain file: a device or a pipe may have no
+    end."""
     require(path.is_file(), "log.path", named, "is no file")
     return path
 

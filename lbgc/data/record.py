@@ -119,7 +119,7 @@ def block_means(record: Record, rate_hz: float) -> Record:
 
 
 def true_rate(edges: np.ndarray, rate_hz: float, target_hz: float) -> float:
-    """Of blocks between these edges: the one asked for, where they make it."""
+    """Rate of blocks between these edges: the one asked for, where they make it."""
     if len(edges) < 2 or whole_multiple(rate_hz, target_hz) is not None:
         return target_hz
     return rate_hz * (len(edges) - 1) / float(edges[-1])

@@ -44,7 +44,8 @@ def agree(records: Sequence[Record]) -> bool:
 
 
 def _better(one: float, other: float, count: int) -> bool:
-    """By twice the log of the likelihood ratio of two circular variances."""
+    """Whether `one` is evidently the larger resultant length, by twice the log of the likelihood
+    ratio of two circular variances."""
     if one < _CLOSE:
         return False
     return count * float(np.log((1 - other + 1e-9) / (1 - one + 1e-9))) > _EVIDENCE
@@ -62,7 +63,7 @@ def _resultants(records: Sequence[Record]) -> tuple[float, float]:
 
 
 def _heading(record: Record) -> float:
-    """Of the mean rate's part across the measured vertical, rad."""
+    """Heading of the mean rate's part across the measured vertical, rad."""
     down = down_of(record.accel.mean(axis=0))
     rate = record.gyro.mean(axis=0)
     right = np.cross(down, [1.0, 0.0, 0.0])

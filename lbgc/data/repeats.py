@@ -9,13 +9,13 @@ from lbgc.data.raw import Raw
 from lbgc.errors import InputError
 
 _MOST_ROWS = 200
-"""That are averaged where columns are held for different numbers of rows."""
+"""Most rows that are averaged where columns are held for different numbers of rows."""
 _ALWAYS = 0.99
 """Share of repeated stamps whose rows repeat too, for these to be no samples."""
 
 
 def without_printed_twice(raw: Raw) -> Raw:
-    """Less rows that are, their time stamps included, the ones before them; with a note."""
+    """The log less rows that are, their time stamps included, the ones before them; with a note."""
     if raw.stamps is None or raw.config.repeats == "keep":
         return raw
     again = raw.stamps[1:] == raw.stamps[:-1]

@@ -19,21 +19,21 @@ from lbgc.errors import InputError
 _TURNS = 1e-4
 """rad, by which an encoder's reading may change at rest."""
 _TILTS = np.deg2rad(1.0)
-"""By which the vertical may move within a recording, whatever the others do: no drift of an
+"""Angle by which the vertical may move within a recording, whatever the others do: no drift of an
 accelerometer is so large."""
 _SHORTEST = 16
 """Values of a recording, below which nothing is asked of its halves."""
 _ALIKE = 1.2
 """Ratio of durations up to which recordings have one law."""
 _FALSE_ALARMS = 1e-4
-"""Of a set at rest."""
+"""Chance that a set at rest is refused."""
 _ROUNDING = np.repeat([1e-11, 1e-8], 3)
 """rad/s and m/s^2, far below what any sensor resolves."""
 
 
 @dataclass(frozen=True)
 class Means:
-    """Of R resting recordings at known headings."""
+    """Means of R resting recordings at known headings."""
 
     rates: np.ndarray
     """(R, 3), rad/s"""

@@ -97,7 +97,8 @@ class _Spikes:
 
     @property
     def shift(self) -> float:
-        """Of the channel's mean, in its sigma by the noise from sample to sample."""
+        """Shift of the channel's mean by the spikes, in its sigma by the noise from sample to
+        sample."""
         n = len(self.channel.values)
         noise = max(self.channel.noise, self.channel.count / 4) / np.sqrt(n)
         return abs(float(np.sum(self.away))) / n / noise if noise > 0 else np.inf

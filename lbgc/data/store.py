@@ -30,7 +30,7 @@ from lbgc.outputs import fingerprint
 
 codec.take()
 _COPIED_BYTES = 200_000
-"""Of recordings at once: they stay in the processor's cache."""
+"""Bytes of recordings copied at once: they stay in the processor's cache."""
 
 
 def create(path: str | Path, layout: Layout, configuration: Mapping, recipe: Mapping) -> "Dataset":
@@ -223,12 +223,12 @@ class Dataset:
             return rows
 
     def missing_shards(self) -> list[int]:
-        """Those which the manifest does not name."""
+        """Shards which the manifest does not name."""
         named = self._manifest("digest").any(axis=1) & self._manifest("stored").any(axis=1)
         return np.flatnonzero(~named).tolist()
 
     def damaged_shards(self) -> list[int]:
-        """Those which the manifest names, and whose files are not what it says; reads them all."""
+        """Shards which the manifest names, and whose files are not what it says; reads them all."""
         digests, stored = self._manifest("digest"), self._manifest("stored")
         named = np.flatnonzero(digests.any(axis=1) & stored.any(axis=1)).tolist()
         checked = tqdm(named, "checking", unit="shard", leave=False, delay=1)

@@ -15,10 +15,10 @@ _SHORT = 10
 """Samples that may be missing at a place, and the share of all, for a log to be read on."""
 _FEW = 0.01
 _SHARE = 0.1
-"""Of the longest piece, that a piece must last to be a recording of its own."""
+"""Share of the longest piece that a piece must last to be a recording of its own."""
 _AGREE = 0.01
 _SCATTER = 0.1
-"""Of a step: stamps that scatter by more are told of."""
+"""Share of a step: stamps that scatter by more are told of."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,8 @@ def _of_stamps(name: str, found: Instants, rate: float) -> list[str]:
 def _pieces(
     name: str, seconds: np.ndarray, found: Instants, rate: float, gaps: str
 ) -> tuple[tuple[slice, ...], list[str]]:
-    """By what the user says of gaps; short holes alone are never cut at."""
+    """The log's pieces, by what the user says of gaps, and notes; short holes alone are never cut
+    at."""
     n = len(seconds)
     long = [hole for hole in found.holes if not 0 < hole.missing <= _SHORT]
     short = [hole for hole in found.holes if 0 < hole.missing <= _SHORT]

@@ -24,14 +24,14 @@ _EVIDENCE = 25.0
 _THREE_SIGMA = 14.2
 """Chi-square of three degrees of freedom that is exceeded as seldom as 3 sigma: worth a note."""
 _RUINOUS = 0.5
-"""Of Earth's horizontal rate: a bias that turns north by 30 degrees."""
+"""Share of Earth's horizontal rate: a bias that turns north by 30 degrees."""
 _NOTED = 0.1
-"""Of it: one that turns north by 6 degrees."""
+"""Share of Earth's horizontal rate: a bias that turns north by 6 degrees."""
 _TEN_TIMES = 10.0
 _FORWARD_DEG = 10.0
 _BLOCKS_S = (2.0, 5.0)
-"""Of motion: longer than what shakes a sensor about, within which a swaying lever arm's own
-acceleration may exceed gravity's."""
+"""Lengths of the blocks by which motion is seen: longer than what shakes a sensor about, within
+which a swaying lever arm's own acceleration may exceed gravity's."""
 _FEWEST_BLOCKS = 48
 _EXPLAINED = 0.2
 """Share of what the vertical does that the gyros must explain before motion says anything."""

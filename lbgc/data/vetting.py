@@ -50,7 +50,7 @@ def _attributes(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _layout(said: Mapping[str, dict[str, Any]]) -> Layout:
-    """From the root's rate and the shape and scale of gyro and accel."""
+    """The layout, from the root's rate and the shape and scale of gyro and accel."""
     rate: Any = _attributes(said[DOCUMENTS[0]]).get("rate_hz")
     _require(_is_number(rate) and 0 < rate < math.inf, DOCUMENTS[0], "rate_hz", rate)
     shape: Any = said["gyro/zarr.json"].get("shape")
@@ -98,7 +98,7 @@ def _check_array(
 
 
 def _names(codecs: Any) -> set[str]:
-    """Of a list of codecs; raises ValueError where it is none."""
+    """Names in a list of codecs; raises ValueError where it is none."""
     good = isinstance(codecs, list) and all(
         isinstance(c, dict)
         and isinstance(c.get("name"), str)

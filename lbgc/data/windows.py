@@ -17,7 +17,7 @@ from lbgc.data.record import (
 from lbgc.errors import InputError
 
 _MOST = 0.98
-"""Of a window's samples that blocks must hold, at the least."""
+"""Share of a window's samples that blocks must hold, at the least."""
 UNKNOWN = np.nan
 """A heading that nobody knows."""
 
@@ -50,7 +50,7 @@ class Windows:
         return self.gyro.shape[1] / self.rate_hz
 
     def rows(self, which: slice | np.ndarray) -> "Windows":
-        """Some of them."""
+        """Some of the windows."""
         return replace(self, **{k: v[which] for k, v in vars(self).items() if k != "rate_hz"})
 
 

@@ -31,5 +31,5 @@ _WEIGHED = {
 BASES: dict[str, Estimator] = CLASSICAL | {
     name: partial(estimate, checked=False) for name, estimate in _WEIGHED.items()
 }
-"""The same as bases of a network, which corrects a heading whatever the sensor is like, and states
-a sigma of its own: they do not refuse windows that contradict the sensor's model."""
+"""Classical estimators as bases of a network, which corrects a heading whatever the sensor is like,
+and states a sigma of its own: they do not refuse windows that contradict the sensor's model."""

@@ -26,7 +26,8 @@ _NONE = (0.0, 0.0, 0.0)
 
 
 def variance(windows: Windows, imu: ImuModel, c_ib: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """Of g' r, (W,), (m/s)^2, r the horizontal velocity that the sensors err by.
+    """Variance of g' r, (W,), (m/s)^2 times the square of g's unit, r the horizontal velocity that
+    the sensors err by.
 
     c_ib : (W, T, 3, 3), the body's attitude at the samples; g : (W or 1, T, 2), along x and y of i.
     """

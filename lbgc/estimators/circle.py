@@ -156,7 +156,8 @@ def _of_series(
 
 
 def _mode(terms: np.ndarray) -> np.ndarray:
-    """On a grid, then Newton's steps: log p has four waves at most, however narrow p is."""
+    """The most likely headings, (V,), rad: on a grid, then Newton's steps: log p has four waves at
+    most, however narrow p is."""
     psi = _COARSE[np.argmax(terms @ _waves(_COARSE), axis=1)]
     most = np.maximum(_most_curved(terms), 1e-300)
     for _ in range(8):
@@ -194,7 +195,7 @@ def _peak(terms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _of_peak(
     terms: np.ndarray, at: np.ndarray, answer: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same as of the series, about one narrow peak."""
+    """E[exp(i psi)] and the root mean square angle about the answer, about one narrow peak."""
     first, sigma = np.empty(len(at), complex), np.empty(len(at))
     size = _NUMBERS // (4 * len(_PEAK))
     for rows in (slice(i, i + size) for i in range(0, len(at), size)):

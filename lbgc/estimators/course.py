@@ -21,18 +21,19 @@ MOST_BLOCKS = 240
 ENCODER = np.deg2rad(0.01)
 """rad, 1 sigma, of a plate's angle as an encoder tells it."""
 _RESTS = np.deg2rad(1e-4)
-"""Of travel from block to block."""
+"""Travel from block to block, rad, below which the plate rests."""
 _STEADY = np.deg2rad(0.003)
-"""Of change in it; an encoder has steps."""
+"""Change of travel from block to block, rad, in a steady turn, at most; an encoder has steps."""
 _ALONE = np.deg2rad(1e-6)
-"""Of either, where one neighbour alone tells: a slew that begins in a block's last hundredth moves
-its mean angle by little more than that, and its mean rate by much."""
+"""Travel, or change of it, rad, below which one neighbour alone tells: a slew that begins in a
+block's last hundredth moves its mean angle by little more than that, and its mean rate by much."""
 _PARTS = ("blocks", "lengths", "angle", "rate", "turned", "squared", "unsure")
 _Part: TypeAlias = tuple[int, int, float, float, complex, float, float]
 _MOVES = 0.02  # of the fastest
 _MANY = 4  # samples of a slew that show its course
 _TOLD = np.deg2rad(50.0)
-"""Of travel from sample to sample: above it a slew's mean cosine does not follow from them."""
+"""Travel of the plate from sample to sample, rad: above it a slew's mean cosine does not follow
+from them."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,12 @@ class Site:
 
     @classmethod
     def at(cls, latitude: float) -> "Site":
-        """On the ellipsoid."""
+        """The site on the ellipsoid at this latitude, rad."""
         return cls(latitude, normal_gravity(latitude))
 
     @property
     def down(self) -> float:
-        """Its vertical rate about the down axis, rad/s."""
+        """Earth's rate about the down axis, rad/s."""
         return -EARTH_RATE * float(np.sin(self.latitude))
 
 
@@ -139,7 +140,7 @@ class Course:
         size: int = 1,
         settling: np.ndarray | None = None,
     ) -> "Course":
-        """Of means of the plate's angle over samples, (n size,), rad, unwrapped.
+        """The course by means of the plate's angle over samples, (n size,), rad, unwrapped.
 
         interval : s, of a block of `size` samples; settling : bool (n,), blocks in which the plate
         is not at rest yet although its angle does not show it.
@@ -329,7 +330,7 @@ def mean_angle(reading: np.ndarray, rate_hz: float, sample_s: float | None) -> n
 
 
 def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
-    """From the base's axes to level ones, (W, 3, 3).
+    """Rotation from the base's axes to level ones, (W, 3, 3).
 
     angle : (W, n or 1), rad, the plate's; accel : (W, n, 3), specific force in the body's axes."""
     return euler_to_matrix(*level(turned(accel, angle).mean(axis=1)), 0.0)

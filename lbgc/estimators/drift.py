@@ -4,7 +4,7 @@ first-order Gauss-Markov process, and white noise.
 Flicker is a sum of Gauss-Markov processes (lbgc.sensor.noise.Flicker). Against a window of length
 T, one whose correlation time is below T/10 is white, one above 2 T a constant that walks (both by
 their limits: density 2 s T_i, walk 2 s/T_i, s the variance); what lies between becomes one process.
-Of two rests by turns, or one, the variance that follows is within 5% of the exact law's up to a
+For two rests by turns, or one, the variance that follows is within 5% of the exact law's up to a
 quarter of an hour, sdc500's flicker and walk.
 """
 
@@ -24,7 +24,7 @@ far below all others."""
 
 @dataclass(frozen=True)
 class Drift:
-    """Of a triad in W windows, in SI units; each (3,) but where it says so."""
+    """Model of a triad's errors in W windows, in SI units; each (3,) but where it says so."""
 
     white: np.ndarray
     """Density N^2"""
@@ -99,7 +99,7 @@ def _drift(
 
 
 def rise(imu: ImuModel, time_s: np.ndarray) -> np.ndarray:
-    """Of temperature since power-up, K, at times (W,) since the recording's start."""
+    """Rise of temperature since power-up, K, at times (W,) since the recording's start."""
     since = (imu.warming.since_power_up_s + time_s) / imu.warming.time_s
     return np.asarray(imu.warming.rise_k * -np.expm1(-since))
 

@@ -13,7 +13,7 @@ from lbgc.sensor.imu import ImuModel
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of W windows."""
+    """What an estimator answers to W windows."""
 
     heading: np.ndarray
     """(W,), rad in (-pi, pi], when the encoder reads zero"""

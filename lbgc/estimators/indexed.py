@@ -86,8 +86,8 @@ def two_position(windows: Windows, imu: ImuModel | None = None) -> Estimate:
 def two_position_weighted(
     windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
 ) -> Estimate:
-    """The same unknowns, weighted by the noise model: near blocks share their drift, so those
-    about the slew tell most."""
+    """The unknowns of `two_position`, weighted by the noise model: near blocks share their drift,
+    so those about the slew tell most."""
     return _estimator("two_position_weighted", two_positions, windows, imu, True, checked)
 
 

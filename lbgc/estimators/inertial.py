@@ -72,7 +72,7 @@ class Series:
 
     @property
     def before(self) -> np.ndarray:
-        """The same at their starts."""
+        """C_b0_b at the samples' starts, (W, T, 3, 3)."""
         return _before(self.turned)
 
 
@@ -171,8 +171,9 @@ def _of_bias(windows: Windows, series: Series) -> np.ndarray:
 
 
 def _noise(beta: np.ndarray, left: np.ndarray, of_bias: np.ndarray, size: np.ndarray) -> float:
-    """Of velocity, m/s, as white noise that the heading would err by as much: by what is left when
-    biases are free, where the fit itself looks. Arguments as `_fit` takes them."""
+    """Noise of velocity, 1 sigma, m/s, as white noise by which the heading would err as much: by
+    what is left when biases are free, where the fit itself looks. Arguments as `_fit` takes
+    them."""
     columns = _with_biases(beta, of_bias)
     flat = left.T.ravel()
     basis, values, _ = np.linalg.svd(columns / _lengths(columns), full_matrices=False)
@@ -276,7 +277,7 @@ def integrate(windows: Windows) -> Series:
 
 
 def _before(turned: np.ndarray) -> np.ndarray:
-    """From attitudes at the samples' ends to those at their starts, (W, T, 3, 3)."""
+    """Attitudes at the samples' starts, from those at their ends, (W, T, 3, 3)."""
     none = np.broadcast_to(np.eye(3), (len(turned), 1, 3, 3))
     return np.concatenate([none, turned[:, :-1]], axis=1)
 
@@ -314,7 +315,8 @@ def _davenport(alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
 
 
 def _mean_heading(c_ib0: np.ndarray, series: Series, windows: Windows) -> np.ndarray:
-    """Of the body over the window, less the plate's angle: n turns with Earth in i meanwhile."""
+    """Mean heading of the body over the window, less the plate's angle: n turns with Earth in i
+    meanwhile."""
     t = (np.arange(series.turned.shape[1]) + 1.0) / windows.rate_hz
     heading = np.empty(len(windows))
     for latitude in np.unique(windows.latitude):
@@ -330,7 +332,8 @@ def _mean_heading(c_ib0: np.ndarray, series: Series, windows: Windows) -> np.nda
 def _sigma(
     c_ib0: np.ndarray, series: Series, form: _Form, windows: Windows, imu: ImuModel | None
 ) -> np.ndarray:
-    """Of the heading, (W,): the sway's share, and where the sensor is known what it errs by.
+    """Standard deviation of the heading, (W,), rad: the sway's share, and where the sensor is known
+    what it errs by.
 
     A small rotation phi of the fit moves it by phi x beta, so phi is a linear regression and the
     heading's error is G' D r/(G' G), r the velocity that errs: G the heading's regressor with the
@@ -353,7 +356,8 @@ def _sigma(
 
 
 def _of_sway(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """Variance of g' r, (W,), (m/s)^2, r the sway's velocity: see lbgc.estimators.longrun.
+    """Variance of g' r, (W,), (m/s)^2 times the square of g's unit, r the sway's velocity: see
+    lbgc.estimators.longrun.
 
     left : (W, T, >= 2), what is left of it; columns : (2 T, p), forward above right, what the fit
     could explain; g : (T, 2). Forward and right are taken as independent of each other.

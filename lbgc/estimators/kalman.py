@@ -127,7 +127,7 @@ class _State:
         self.other += error[:, BG.start :]
 
     def one(self, which: slice) -> np.ndarray:
-        """One of the others, (W, 3)."""
+        """One part of `other`, (W, 3)."""
         return self.other[:, which.start - BG.start : which.stop - BG.start]
 
     def of_gyro(self, rate: np.ndarray, warmth: np.ndarray | None) -> np.ndarray:

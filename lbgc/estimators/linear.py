@@ -28,7 +28,7 @@ window's own scatter says, and of what is stated of the sensor."""
 _EIGHTHS = 8
 _RARELY = 1e-7
 _SAME_RATE = 1e-6
-"""Of Earth's rate: its own size is not known better."""
+"""Share of Earth's rate: its own size is not known better."""
 
 
 def answer(

@@ -18,14 +18,14 @@ by what follows for it.
 import numpy as np
 
 BLOCKS = 240
-"""At most, of a window: far above one cycle, and coarse enough that an autoregression spans a
-sway."""
+"""Blocks of a window, at most: far above one cycle, and coarse enough that an autoregression spans
+a sway."""
 _ORDER = 12
 _PASSES = 4
 _MOST_ERRS = 1.0
-"""Beyond it the first order says nothing."""
+"""Largest change of the variance's logarithm: beyond it the first order says nothing."""
 _SINGULAR = 1e-9
-"""Of a variance, added to it: a pure tone is foretold from itself."""
+"""Share of a variance that is added to it: a pure tone is foretold from itself."""
 _LEAST_VELOCITY = 1e-9
 """m/s: far below all others, so that nothing is divided by zero."""
 
@@ -33,7 +33,7 @@ _LEAST_VELOCITY = 1e-9
 def variance(
     left: np.ndarray, taken: np.ndarray, g: np.ndarray, inside: np.ndarray | None = None
 ) -> np.ndarray:
-    """Of g' r, (W,), in the unit of r, squared; summed over the K rows of g.
+    """Variance of g' r, (W,), in the squared unit of g times r; summed over the K rows of g.
 
     left : (W, C, n), what a fit left of r in C directions whose spectrum is one; taken : (W or 1,
     J, n), orthonormal, what it explained; g : (W or 1, K, n); inside : bool (n,), where left, taken

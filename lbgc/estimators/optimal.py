@@ -66,7 +66,8 @@ class Whitened:
         return np.einsum("can,vcn->vca", self.reduce, body, optimize=True).reshape(len(body), -1)
 
     def columns(self, coefficients: np.ndarray) -> np.ndarray:
-        """Of patterns' coefficients (*S, CHANNELS, PATTERNS): (*S, CHANNELS PATTERNS)."""
+        """What patterns of these coefficients, (*S, CHANNELS, PATTERNS), make of y:
+        (*S, CHANNELS PATTERNS)."""
         found = np.einsum("cab,...cb->...ca", self.R, coefficients)
         return found.reshape(*found.shape[:-2], -1)
 
@@ -109,8 +110,8 @@ class Information:
     """(G, CHANNELS PATTERNS, r), orthonormal: what t and e take out of y"""
 
     def sigma(self, heading: np.ndarray) -> np.ndarray:
-        """Of headings (V,), rad, when errors are small: 1/sqrt(n' J n), n across them; each under
-        its own lean, or all under the one."""
+        """Standard deviation of headings (V,), rad, when errors are small: 1/sqrt(n' J n), n across
+        them; each under its own lean, or all under the one."""
         n = across(heading)
         return np.asarray(1 / np.sqrt(np.sum(np.sum(n[..., None] * self.J, axis=-2) * n, axis=-1)))
 
@@ -145,8 +146,8 @@ def information(
     free_bias: bool = False,
     lean: tuple[float, float] = (0.0, 0.0),
 ) -> Information:
-    """Of all parts of the course on a base that leans by roll and pitch, rad. free_bias : with a
-    constant of unknown size on each gyro, which is what an estimator assumes that is not told how
+    """What a whole course tells of q on a base that leans by roll and pitch, rad. free_bias : with
+    a constant of unknown size on each gyro, which is what an estimator assumes that is not told how
     large a bias can be."""
     base = euler_to_matrix(*lean, 0.0)[None]
     return _information(imu, course, site, base, free_bias)

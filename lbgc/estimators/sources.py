@@ -83,12 +83,12 @@ class Signal:
     """What is felt without errors, by patterns; each (G, CHANNELS, PATTERNS)."""
 
     q: tuple[np.ndarray, np.ndarray]
-    """Of cos psi and of sin psi"""
+    """What is felt of cos psi and of sin psi"""
     known: np.ndarray
-    """Whatever the heading"""
+    """What is felt whatever the heading"""
     tilt: tuple[np.ndarray, np.ndarray]
-    """Of an error of the level about level axes forward and right, by the rad. What Earth's
-    horizontal rate makes of it is left out: it is vertical, and hardly felt"""
+    """What is felt of an error of the level about level axes forward and right, by the rad. What
+    Earth's horizontal rate makes of it is left out: it is vertical, and hardly felt"""
 
 
 def signal(base: np.ndarray, site: Site) -> Signal:
@@ -226,7 +226,7 @@ def _of_term(term: gaussian.GaussianTerm, course: Course) -> np.ndarray:
 
 
 def _averaged(covariance: np.ndarray, course: Course) -> np.ndarray:
-    """Of the parts' means, (n, n), from that of all blocks."""
+    """Covariance of the parts' means, (n, n), from that of all blocks."""
     if not course.slewing.any():
         return covariance[np.ix_(course.blocks, course.blocks)]
     A = course.averaged()
@@ -234,7 +234,7 @@ def _averaged(covariance: np.ndarray, course: Course) -> np.ndarray:
 
 
 def _not_gaussian(imu: ImuModel, triad: Triad, axis: int, course: Course) -> np.ndarray:
-    """Of tone, ramp and counting, by their second moments, (n, n)."""
+    """Covariance of tone, ramp and counting, by their second moments, (n, n)."""
     h, A = course.interval, course.averaged()
     last = course.start + course.count
     covariance = np.zeros((len(A), len(A)))

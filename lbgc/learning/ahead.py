@@ -63,7 +63,8 @@ def _processes() -> int:
 
 
 def _by_processes(count: int, batches: Batches, steps: range) -> Iterator[Batch]:
-    """They end when this iterator is let go, or when their parent is killed."""
+    """Batches that processes draw, which end when this iterator is let go, or when their parent is
+    killed."""
     return iter(
         DataLoader(
             batches,

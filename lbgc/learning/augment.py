@@ -42,7 +42,7 @@ class AugmentConfig:
     noise: float = 0.0
     """In-run noise added on top of what is there, as a share of the sensor's own (1 sigma)."""
     run_bias: float = 0.0
-    """Run bias added likewise."""
+    """Run bias added on top of what is there, as a share of the sensor's own (1 sigma)."""
 
     def __post_init__(self) -> None:
         require_choice("form", self.form, ("earth", "literal"))

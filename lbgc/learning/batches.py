@@ -24,7 +24,7 @@ class Examples(Protocol):
 
     @property
     def fresh(self) -> "Examples | None":
-        """Of what is never trained on, of the law that is evaluated on."""
+        """Examples of what is never trained on, of the law that is evaluated on."""
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
         """So many windows of so many steps of the network: features, (W, T, C) float32, and what is
@@ -37,9 +37,9 @@ class Sensed:
 
     model: ModelConfig
     rate_hz: float
-    """of its steps"""
+    """Hz, of the network's steps"""
     imu: ImuModel
-    """what its base weighs by"""
+    """The sensor by which the network's base weighs"""
 
     def examples(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
         """Features, and the reference, all that training may know, less the base's heading."""
@@ -68,7 +68,7 @@ class Prepared:
     """Windows of recordings whose features take too long to be made more than once."""
 
     examples: dict[int, tuple[np.ndarray, ...]]
-    """Of all windows of so many steps."""
+    """Features, and what is to be found, of all windows, by their number of steps."""
     fresh: None = None
 
     @classmethod

@@ -89,7 +89,7 @@ def parse(content: bytes, name: str, where: object) -> dict[str, Any]:
 
 
 def read(run: str | Path) -> dict[str, Any]:
-    """Of a run's directory. Raises InputError where there is no finished one."""
+    """The description in a run's directory. Raises InputError where there is no finished one."""
     file = Path(run) / DESCRIPTION
     what = "is no finished training run; `python lbgc/train.py data=PATH` prints one's path"
     require(file.is_file(), "run", run, what)

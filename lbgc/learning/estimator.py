@@ -46,7 +46,7 @@ class Learned:
 
     @classmethod
     def load(cls, run: str | Path) -> "Learned":
-        """From a run's directory. Raises InputError where there is no whole model."""
+        """The network in a run's directory. Raises InputError where there is no whole model."""
         net, said = load_net(run)
         config = net.config
         return cls.described(config, lambda x: compute_torch(net, x), said)

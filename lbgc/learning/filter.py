@@ -23,7 +23,7 @@ _MOMENTS = 6
 _LIVELY_MOMENTS = 4
 _FIGURES = 5 + _LIVELY_MOMENTS + CONSTANTS
 _LEAST = 1e-12
-"""Of a mean square, in the velocity's unit: nothing is divided by zero."""
+"""Added to mean squares, and to what is below a root, so that nothing is divided by zero."""
 
 
 class Filter(nn.Module):

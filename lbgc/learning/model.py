@@ -20,7 +20,8 @@ CHANNELS = {"gyro": 3, "accel": 3, "plate": 2, "sway": sway.PER_STEP + sway.CONS
 """What a model may see, and how many features it makes: the plate's angle as cosine and sine, a
 base that sways as lbgc.learning.sway says."""
 RESIDUAL_CHANNELS = {"gyro": 5, "accel": 5, "plate": 2}
-"""The same of a window turned by its own classical estimate; see lbgc.learning.residual."""
+"""Features of each channel of a window turned by its own classical estimate; see
+lbgc.learning.residual."""
 CONSTANTS = 4
 """More features of such a window: sine and cosine of the estimate, the window's length, and the
 latitude, by what it makes of Earth's rate."""
@@ -32,7 +33,7 @@ LENGTHS = 16
 _LOG_KAPPA = (-10.0, 25.0)
 _NODES = 256
 _DEGREES = 180 / math.pi
-"""Of a radian; torch.rad2deg is more than every exporter knows."""
+"""Degrees in a radian; torch.rad2deg is more than every exporter knows."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +47,14 @@ class ModelConfig:
     layers without memory; fast, and enough for errors that are nearly Gaussian. filter: weights of
     such moments, chosen by how a base sways; for the channel sway alone."""
     layers: int = 2
-    """Of the cell."""
+    """Number of layers of the cell."""
     hidden: int = 24
-    """Their size, a direction."""
+    """Size of each layer, a direction."""
     output: str = "sincos"
     """sincos: sine and cosine of the heading. degrees: the heading, unbounded, as published.
     vonmises: heading and concentration, trained by likelihood, so that it states a sigma."""
     channels: list[str] = field(default_factory=lambda: ["gyro", "accel", "plate"])
-    """What it sees; the published network sees the gyro only."""
+    """What the network sees; the published network sees the gyro only."""
     base: str | None = None
     """A classical estimator that turns each window by its estimate, to which the network learns a
     correction; null: the network has the window as it is."""
@@ -200,7 +201,7 @@ class HeadingNet(nn.Module):
         return state[0] if self.config.cell == "lstm" else state
 
     def _corrected(self, raw: Tensor) -> Tensor:
-        """From units of the scale to those of every network: (W, outputs)."""
+        """The outputs from units of the scale to those of every network: (W, outputs)."""
         if self.config.output == "degrees":
             return raw * self.scale * _DEGREES
         direction = raw[:, :2] * self.scale + torch.tensor([0.0, 1.0], device=raw.device)

@@ -15,6 +15,6 @@ DIRECTORY = Path(__file__).resolve().parents[1] / "pretrained"
 
 
 def every(directory: Path = DIRECTORY) -> Iterator[Trained]:
-    """All that came with the package."""
+    """All networks that came with the package."""
     for file in sorted(directory.glob(f"*/{DESCRIPTION}")):
         yield Trained.load(file.parent, f"{file.parent.name}, pretrained")

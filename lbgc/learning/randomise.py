@@ -27,11 +27,11 @@ class RandomiseConfig:
     noise: float = 0.0
     """Most in-run noise that a window may have on top, as a share of the sensor's own (1 sigma)."""
     run_bias: float = 0.0
-    """Most run bias on top, likewise."""
+    """Most run bias that a window may have on top, as a share of the sensor's own (1 sigma)."""
     vibration_deg_per_h: float = 0.0
     """Largest amplitude of a vibration about each axis; each window draws its own."""
     vibration_hz: tuple[float, ...] = (45.0, 51.0)
-    """[low, high] of its frequency."""
+    """[low, high] of the vibration's frequency."""
 
     def __post_init__(self) -> None:
         require_not_negative(self, "noise", "run_bias", "vibration_deg_per_h")
@@ -89,7 +89,7 @@ class Randomised:
 
 
 def moved(windows: Windows, latitude: float) -> Windows:
-    """The same recordings at another latitude, rad: Earth's rate and gravity are its own.
+    """Windows as they would be at another latitude, rad: Earth's rate and gravity are its own.
 
     Accelerometers' bias leans the level by as much as before, and through it the heading by as much
     as it did where the windows come from.

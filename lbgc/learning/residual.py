@@ -103,5 +103,6 @@ def _levelled(windows: Windows, angle: np.ndarray) -> np.ndarray:
 
 
 def _both(residual: np.ndarray, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """In north-pointing axes, (W, T, 3), and the horizontal ones of the body besides, (W, T, 2)."""
+    """The residual in north-pointing axes, (W, T, 3), and its part in the body's horizontal ones,
+    (W, T, 2)."""
     return residual, turned(residual[..., :2], -psi)

@@ -47,7 +47,7 @@ class Streamed:
     accel: Lasting
     imu: ImuModel
     arm_m: float
-    """From the plate's axis to the IMU, which looks away from it."""
+    """Distance from the plate's axis to the IMU, which looks away from it."""
     height_m: float
 
     @property

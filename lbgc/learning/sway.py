@@ -31,13 +31,13 @@ LEAST_RATE_HZ = 50.0
 PER_STEP = 5
 """Features a step: velocity and rate, two each, and how lively the sway is."""
 CONSTANTS = 2
-"""More of the whole window: its length, and its latitude's share in the unit."""
+"""Further features, of the whole window: its length, and its latitude's share in the unit."""
 _ARM_M = 1.0
 _STILL = 1e-5
 """rad/s, rms: a base that does not sway"""
 _MINUTE = 60.0
 _LEFT_OVER = 0.02
-"""Of a window, at the most, that may fill no whole step and is left out."""
+"""Share of a window, at the most, that may fill no whole step and is left out."""
 _AT_ONCE = 200_000
 """Samples integrated together, for memory's sake"""
 
@@ -88,12 +88,12 @@ class Swaying:
         )
 
     def features(self) -> np.ndarray:
-        """Without a heading, (W, T, 5)."""
+        """Features without a heading, (W, T, 5)."""
         return np.concatenate([self.velocity, self.rate, self.liveliness[..., None]], axis=-1)
 
     def residual(self, base: np.ndarray) -> np.ndarray:
-        """Less what these headings explain, in axes that they turned north: (W, T, 5). base : (W,),
-        rad."""
+        """Features less what these headings explain, in axes that they turned north: (W, T, 5).
+        base : (W,), rad."""
         velocity = turned(self.velocity, base[:, None]) - self.bend
         rate = turned(self.rate, base[:, None])
         return np.concatenate([velocity, rate, self.liveliness[..., None]], axis=-1)
@@ -133,7 +133,7 @@ def _block(windows: Windows, rate_hz: float) -> int:
 
 
 def _of_whole_steps(windows: Windows, rate_hz: float) -> Windows:
-    """Less the samples at the end that fill no step."""
+    """The windows less the samples at the end that fill no step."""
     samples = windows.gyro.shape[1]
     used = samples - samples % _block(windows, rate_hz)
     if used == samples:
@@ -147,13 +147,14 @@ def _of_whole_steps(windows: Windows, rate_hz: float) -> Windows:
 
 
 def _slope(series: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Of a straight line through (W, T, 3), by least squares: the mean force, (W, 3)."""
+    """Slope of a straight line through (W, T, 3), by least squares: the mean force, (W, 3)."""
     centred = t - t.mean()
     return np.asarray(np.einsum("t,wti->wi", centred, series) / np.sum(centred**2))
 
 
 def _straightened(series: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Less a straight line an axis: the sway's velocity at the start and the levelling."""
+    """The series less a straight line an axis: the sway's velocity at the start and the
+    levelling."""
     centred = (t - t.mean())[:, None]
     slope = _slope(series, t)[:, None]
     return np.asarray(series - series.mean(axis=1, keepdims=True) - centred * slope)

@@ -24,7 +24,7 @@ def wanted(config: ModelConfig, batch: int) -> int:
 
 @contextmanager
 def limited(count: int) -> Iterator[None]:
-    """So many meanwhile."""
+    """Let torch compute in so many threads meanwhile."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

@@ -84,7 +84,7 @@ class Trained:
         return f"{self.sensor.name}, protocol {self.said['protocol']}, {lengths}, {place}"
 
     def asked(self, setting: Setting, untrained: bool) -> "Trained":
-        """The same, for use in this setting."""
+        """This network, for use in this setting."""
         beside = tuple(self._beside(setting))
         name = f"{self.name} (untrained)" if untrained else self.name
         return replace(self, name=name, beside=beside, untrained=untrained, overridden={})

@@ -54,7 +54,7 @@ class Plan:
     tempering: int
     """Windows of each length, drawn afresh, that in the end set a stated sigma right."""
     threads: int | None = None
-    """Of the network's arithmetic; None: what its size is worth."""
+    """Threads of the network's arithmetic; None: what its size is worth."""
 
 
 class Trainer:

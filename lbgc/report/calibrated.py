@@ -57,7 +57,7 @@ def _spread(sigma: np.ndarray, interval: np.ndarray, axis: int) -> str:
 
 
 def _decimals(doubt: float) -> int:
-    """That two digits of it show; two at the least, six at the most."""
+    """Decimals that show two digits of a doubt; two at the least, six at the most."""
     return int(np.clip(1 - np.floor(np.log10(max(doubt, 1e-6))), 2, 6))
 
 

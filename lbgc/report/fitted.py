@@ -170,7 +170,7 @@ def spelled(e: Estimate, key: str) -> str:
 
 
 def of_axes(fits: dict[str, list[Fit]]) -> dict:
-    """Every axis's."""
+    """What `of_axis` gives, for every axis."""
     return {part: [of_axis(fit) for fit in axes] for part, axes in fits.items()}
 
 
@@ -188,7 +188,8 @@ def of_axis(fit: Fit) -> dict:
 
 
 def _goodness(g: Goodness) -> dict:
-    """As JSON: p-values, what is not explained, and the power over the model's in bands."""
+    """The goodness as JSON: p-values, what is not explained, and the power over the model's in
+    bands."""
     return {
         "p": g.p,
         "p_spectrum": g.p_spectrum,
@@ -204,5 +205,5 @@ def _goodness(g: Goodness) -> dict:
 
 
 def _plain(e: Estimate) -> dict[str, float | None]:
-    """With null where the data set no upper end."""
+    """An estimate as JSON, with null where the data set no upper end."""
     return {key: value if np.isfinite(value) else None for key, value in asdict(e).items()}

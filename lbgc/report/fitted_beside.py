@@ -19,14 +19,15 @@ _BIAS = ("bias_run_deg_per_h", "bias_run_mg")
 
 @dataclass(frozen=True)
 class Beside:
-    """Lines of YAML."""
+    """Lines of YAML that stand beside a fitted sensor's noise terms."""
 
     top: list[str]
     triads: dict[str, list[str]]
 
 
 def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None) -> Beside:
-    """Of what was fitted; sizes : of the biases, where they are to be stated."""
+    """Lines of YAML for what was fitted beside noise terms; sizes : of the biases, where they are
+    to be stated."""
     time = _common_time(fits)
     top = []
     if sizes:
@@ -94,7 +95,8 @@ def _bias(size: BiasSize, which: int) -> list[str]:
 
 
 def bias_sizes(static: Static, fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:
-    """Of the first recording, what warms away left out of its mean."""
+    """Bias sizes by the first recording's mean; where it is the only one, what warms away is left
+    out."""
     seconds = static.gyro.shape[1] * static.dt
     mean = {part: getattr(static, part)[0].mean(axis=0) for part in PARTS}
     for part in PARTS:

@@ -38,7 +38,7 @@ KINDS = {
 }
 """A network's cell, in words."""
 _MOST_RECORDINGS = 8
-"""Whose headings are drawn."""
+"""Recordings whose headings are drawn, at most."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Subject:
     imu: ImuModel | None = None
     """The sensor's law, where it is known."""
     sensor: str | None = None
-    """Its name."""
+    """The sensor's name."""
     configuration: Mapping | None = None
     """The dataset's; None for a real log."""
     picture: Path | None = None
@@ -69,9 +69,9 @@ class Subject:
 class Result:
     subject: Subject
     rows: Mapping[tuple[str, float], Summary]
-    """By estimator and window length."""
+    """Summaries by estimator and window length."""
     sizes: Mapping[tuple[str, float], np.ndarray] = field(repr=False)
-    """|error| in degrees, likewise."""
+    """|error| in degrees, by estimator and window length."""
     notes: list[str]
     reach: Mapping[str, Mapping[float, Reach]]
     """Estimator -> error in degrees -> how long a window it takes."""
@@ -114,7 +114,7 @@ def _cells(name: str, window: float, s: Summary, over: Ratio | None) -> list[str
 
 
 def table(result: Result) -> str:
-    """For the screen; degrees."""
+    """The table for the screen; degrees."""
     if result.headings:
         title = f"Headings in degrees, which nothing is there to check: {result.subject.name}"
         head, lines, more = one_by_one(result.headings)
@@ -251,7 +251,8 @@ def _of_errors(result: Result) -> list[tuple[str, bytes]]:
 
 
 def _by_heading(result: Result) -> Figure:
-    """Of the longest windows that every estimator answered, or else of the longest."""
+    """Error by heading, of the longest windows that every estimator answered, or else of the
+    longest."""
     lengths = {w for _, w in result.rows}
     common = {w for w in lengths if all((n, w) in result.rows for n in result.estimators)}
     longest = max(common or lengths)
@@ -278,7 +279,7 @@ def _allan(subject: Subject) -> Figure:
 
 
 def _loss_curve(history: Path) -> Figure:
-    """Of a run's `history.csv`. Raises InputError where it is damaged."""
+    """The loss curve of a run's `history.csv`. Raises InputError where it is damaged."""
     with reading("run", history, "is damaged"):
         rows = csv.DictReader(history.read_text().splitlines())
         return figures.loss_curve([{k: float(v) for k, v in row.items()} for row in rows])

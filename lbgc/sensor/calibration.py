@@ -78,9 +78,10 @@ class Calibration:
     missing: str | None
     """What the headings lack for it"""
     across_rms: float
-    """Of the horizontal error across north: what turns the heading"""
+    """Rms of the horizontal rate error's part across north, rad/s: what turns the heading"""
     along_mean: float
-    """Along north: what only changes the rate's size"""
+    """Mean of the horizontal rate error's part along north, rad/s: what only changes the rate's
+    size"""
     along_sigma: float
     heading_rmse: float
     """rad, of the plain mean"""

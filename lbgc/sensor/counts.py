@@ -39,7 +39,7 @@ class Counts:
 
     lsb: float
     sigma: float
-    """Of the fast noise before rounding, in counts."""
+    """Standard deviation of the fast noise before rounding, in counts."""
     low: float
     """95% interval of sigma; 0: the counts give an upper limit only."""
     high: float

@@ -17,11 +17,11 @@ class GyroLine:
     """A line that wanders about its frequency; an axis without it has a size of zero."""
 
     deg_per_h: Axes
-    """Its rms."""
+    """The line's rms."""
     hz: Axes
-    """Its centre."""
+    """The line's centre."""
     width_hz: Axes
-    """Its full width at half power."""
+    """The line's full width at half power."""
     poles: Axes = 2
     """2: steep flanks, a frequency that wanders; 1: a damped resonance's gentle ones."""
 
@@ -31,14 +31,14 @@ class GyroLine:
 
 @dataclass(frozen=True)
 class AccelLine:
-    """The same of accelerometers."""
+    """A line in the accelerometers' noise that wanders about its frequency, as `GyroLine`."""
 
     ug: Axes
-    """Its rms."""
+    """The line's rms."""
     hz: Axes
-    """Its centre."""
+    """The line's centre."""
     width_hz: Axes
-    """Its full width at half power."""
+    """The line's full width at half power."""
     poles: Axes = 2
     """2: steep flanks, a frequency that wanders; 1: a damped resonance's gentle ones."""
 
@@ -90,38 +90,39 @@ class GyroConfig:
     gauss_markov_deg_per_h: Axes = 0.0
     """1 sigma of a first-order Gauss-Markov process."""
     gauss_markov_s: Axes = 100.0
-    """Its correlation time."""
+    """Correlation time of the Gauss-Markov process."""
     lines: tuple[GyroLine, ...] = ()
     """Lines that wander, as many as there are."""
     bandwidth_hz: Axes | None = None
-    """Of the second-order low-pass behind which the white noise, the tone and what moves come out;
-    null: the mean over the sample's interval alone."""
+    """Natural frequency of the second-order low-pass behind which the white noise, the tone and
+    what moves come out; null: the mean over the sample's interval alone."""
     filter_damping: Axes = 0.707107
-    """Of that low-pass; 0.707 (Butterworth) makes the bandwidth its -3 dB point."""
+    """Damping ratio of the low-pass filter; 0.707 (Butterworth) makes the bandwidth its -3 dB
+    point."""
     g_sensitivity_deg_per_h_per_g: Axes = 0.0
-    """Of each gyro to specific force along each axis, 1 sigma between units."""
+    """Sensitivity of each gyro to specific force along each axis, 1 sigma between units."""
     flicker_short_s: float = 1.0
     """Shortest averaging time of the bias instability's flat floor."""
     flicker_long_s: float = 3600.0
-    """Longest averaging time of that floor."""
+    """Longest averaging time of the bias instability's flat floor."""
     bias_unit_deg_per_h: Axes = 0.0
-    """1 sigma between units, for a unit's life."""
+    """Bias of a unit for its life, 1 sigma between units."""
     bias_session_deg_per_h: Axes = 0.0
-    """1 sigma between power-ups."""
+    """Bias of a power-up, 1 sigma between power-ups."""
     bias_run_deg_per_h: Axes = 0.0
-    """1 sigma between recordings."""
+    """Bias of a recording, 1 sigma between recordings."""
     scale_unit_ppm: Axes = 0.0
     """Scale factor error, 1 sigma between units."""
     misalignment_unit_mrad: Axes = 0.0
-    """Of each axis towards each other one, 1 sigma between units."""
+    """Misalignment of each axis towards each other one, 1 sigma between units."""
     bias_per_k_deg_per_h_per_k: Axes = 0.0
     """Bias over temperature rise, 1 sigma between units."""
     scale_per_k_ppm_per_k: Axes = 0.0
-    """Scale factor over temperature rise, likewise."""
+    """Scale factor over temperature rise, 1 sigma between units."""
     tone_hz: Axes = 0.0
     """Frequency of a steady vibration."""
     tone_deg_per_h: Axes = 0.0
-    """Its amplitude; its phase is random."""
+    """Amplitude of that vibration; its phase is random."""
     rate_lsb_deg_per_s: float | None = None
     """Output count of a rate output: each sample is rounded; null: it is not."""
     angle_lsb_arcsec: float | None = None
@@ -169,46 +170,47 @@ class AccelConfig:
     """Or the lowest point of the Allan deviation, which most datasheets print under that name: B is
     what makes it so beside N and K."""
     allan_minimum_mg: Axes | None = None
-    """The same in mg. Null in all three: none."""
+    """Or the Allan deviation's lowest point in mg. Null in all three: none."""
     random_walk_ug_per_sqrt_h: Axes = 0.0
     """Acceleration random walk K."""
     quantisation_ug_s: Axes = 0.0
     """Quantisation of the integrated output, IEEE Std 952's Q: a carried count over sqrt(12)."""
     ramp_ug_per_h: Axes = 0.0
-    """Drift R of the rate, its sign new in every recording."""
+    """Drift R of the output, its sign new in every recording."""
     gauss_markov_ug: Axes = 0.0
     """1 sigma of a first-order Gauss-Markov process."""
     gauss_markov_s: Axes = 100.0
-    """Its correlation time."""
+    """Correlation time of the Gauss-Markov process."""
     lines: tuple[AccelLine, ...] = ()
     """Lines that wander, as many as there are."""
     bandwidth_hz: Axes | None = None
-    """Of the second-order low-pass behind which the white noise, the tone and what moves come out;
-    null: the mean over the sample's interval alone."""
+    """Natural frequency of the second-order low-pass behind which the white noise, the tone and
+    what moves come out; null: the mean over the sample's interval alone."""
     filter_damping: Axes = 0.707107
-    """Of that low-pass; 0.707 (Butterworth) makes the bandwidth its -3 dB point."""
+    """Damping ratio of the low-pass filter; 0.707 (Butterworth) makes the bandwidth its -3 dB
+    point."""
     flicker_short_s: float = 1.0
     """Shortest averaging time of the bias instability's flat floor."""
     flicker_long_s: float = 3600.0
-    """Longest averaging time of that floor."""
+    """Longest averaging time of the bias instability's flat floor."""
     bias_unit_mg: Axes = 0.0
-    """1 sigma between units, for a unit's life."""
+    """Bias of a unit for its life, 1 sigma between units."""
     bias_session_mg: Axes = 0.0
-    """1 sigma between power-ups."""
+    """Bias of a power-up, 1 sigma between power-ups."""
     bias_run_mg: Axes = 0.0
-    """1 sigma between recordings."""
+    """Bias of a recording, 1 sigma between recordings."""
     scale_unit_ppm: Axes = 0.0
     """Scale factor error, 1 sigma between units."""
     misalignment_unit_mrad: Axes = 0.0
-    """Of each axis towards each other one, 1 sigma between units."""
+    """Misalignment of each axis towards each other one, 1 sigma between units."""
     bias_per_k_ug_per_k: Axes = 0.0
     """Bias over temperature rise, 1 sigma between units."""
     scale_per_k_ppm_per_k: Axes = 0.0
-    """Scale factor over temperature rise, likewise."""
+    """Scale factor over temperature rise, 1 sigma between units."""
     tone_hz: Axes = 0.0
     """Frequency of a steady vibration."""
     tone_ug: Axes = 0.0
-    """Its amplitude; its phase is random."""
+    """Amplitude of that vibration; its phase is random."""
     lsb_ug: float | None = None
     """Output count of a force output: each sample is rounded; null: it is not."""
     velocity_lsb_m_per_s: float | None = None
@@ -245,11 +247,11 @@ class TemperatureConfig:
     """How the sensor warms up: rise (1 - e^(-t/time)) above where it was switched on."""
 
     rise_k: float = 0.0
-    """In the end."""
+    """Temperature rise in the end."""
     time_s: float = 600.0
-    """Time constant."""
+    """Time constant of the rise."""
     since_power_up_s: float = 0.0
-    """When a recording starts."""
+    """Time from power-up to a recording's start."""
 
     def __post_init__(self) -> None:
         require(self.time_s > 0, "time_s", self.time_s, "must be greater than zero")
@@ -263,7 +265,8 @@ class TimingConfig:
     jitter_s: float = 0.0
     """1 sigma of a timestamp about the true time."""
     dropped_share: float = 0.0
-    """Of the samples, lost at random; the file repeats the last one that came, and flags it."""
+    """Share of the samples that are lost, at random; the file repeats the last one that came, and
+    flags it."""
 
     def __post_init__(self) -> None:
         require_not_negative(self, "jitter_s", "dropped_share")
@@ -292,7 +295,7 @@ class ImuConfig:
         return kalibr.adopted(given)
 
     def model(self, rate_hz: float) -> ImuModel:
-        """In SI units, of a sensor that samples at this rate (Hz)."""
+        """The sensor in SI units, where it samples at this rate (Hz)."""
         warming = Disturbance(None, **vars(self.temperature))
         return ImuModel(self.gyro.triad(), self.accel.triad(), 1 / rate_hz, warming, self.assumed)
 

@@ -7,9 +7,10 @@ from lbgc.sensor.gaussian import MeansModel
 
 
 def gauss_markov_model(s: np.ndarray, times: np.ndarray, interval: float) -> MeansModel:
-    """Of a sum of processes of variances s: each over h = u T, started at x, ends at e^-u x + ...
-    and has mean g x + ..., g = (1 - e^-u)/u; given x, var(end) = s (1 - e^-2u), cov(end, mean)
-    = s g (1 - e^-u) and var(mean) = s (V(u) - g^2), V as in `_mean_variance`."""
+    """Means model of a sum of Gauss-Markov processes of variances s: each over h = u T, started at
+    x, ends at e^-u x + ... and has mean g x + ..., g = (1 - e^-u)/u; given x, with V as in
+    `_mean_variance`, var(end) = s (1 - e^-2u), cov(end, mean) = s g (1 - e^-u) and
+    var(mean) = s (V(u) - g^2)."""
     u = interval / times
     gain = -np.expm1(-u) / u
     return MeansModel(
@@ -58,8 +59,8 @@ def _mean_variance(u: np.ndarray) -> np.ndarray:
 
 
 def _conditional_mean_variance(u: np.ndarray) -> np.ndarray:
-    """The same given the process's value at the start: V(u) - ((1 - e^-u)/u)^2, by its series
-    2u/3 - u^2/2 + 7u^3/30 - ... where that cancels."""
+    """Variance of a unit Gauss-Markov process's mean over u, given its value at the start:
+    V(u) - ((1 - e^-u)/u)^2, by its series 2u/3 - u^2/2 + 7u^3/30 - ... where that cancels."""
     small = u < 0.02
     series = 2 * u / 3 - u**2 / 2 + 7 * u**3 / 30 - u**4 / 12 + 31 * u**5 / 1260
     safe = np.where(small, 1.0, u)

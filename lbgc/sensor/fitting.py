@@ -37,7 +37,8 @@ class Fit:
     estimates: dict[str, Estimate]
     bic: float
     ramp: Estimate
-    """Of a linear drift R t, given the rest of the model: a random walk may explain it as well."""
+    """Slope R of a linear drift R t, given the rest of the model: a random walk may explain it as
+    well."""
     tones: tuple[Tone, ...]
     goodness: Goodness | None = None
     """How well the model explains the recording; None where that was not asked."""
@@ -59,7 +60,7 @@ class Fit:
 
     @property
     def corners(self) -> tuple[float, float]:
-        """Of the bias instability's floor, s."""
+        """Shorter and longer corner of the bias instability's floor, s."""
         build = next(s.build for s in self.shapes if s.names == ("B",))
         assert isinstance(build, FlickerBetween)
         return build.short, build.long

@@ -54,8 +54,8 @@ class Gain:
 
 
 def gain(error: np.ndarray, truth: np.ndarray, session: np.ndarray) -> Gain:
-    """By least squares, beside one constant a session where each has headings enough, else on the
-    sessions' means: either way Student's t holds for it, whatever the sessions' spread.
+    """The gain by least squares, beside one constant a session where each has headings enough, else
+    on the sessions' means: either way Student's t holds for it, whatever the sessions' spread.
 
     error, truth : (R, 3), rad/s; session : (R,), any labels.
     """

@@ -29,11 +29,11 @@ import scipy.linalg
 BLOCK = 128
 """Samples drawn from one factor. Changing it changes every dataset's bytes: a new schema number."""
 _GROUP = 32
-"""Blocks whose states are found together; likewise."""
+"""Blocks whose states are found together. Changing it changes bytes, too."""
 
 
 Source: TypeAlias = np.random.Generator | Sequence[np.random.Generator]
-"""Of random numbers: one for all series, or several for as many equal parts of them."""
+"""Random generator: one for all series, or several for as many equal parts of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +195,9 @@ def _starts(F: np.ndarray, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _group(F: bytes, p: int, group: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the states at the starts of a group's blocks and at its end, all in one: what the first
-    makes of them, ((group + 1) p, p), and what the steps do, float32 ((group + 1) p, group p)."""
+    """Matrices of the states at the starts of a group's blocks and at its end, all in one: what the
+    first makes of them, ((group + 1) p, p), and what the steps do, float32
+    ((group + 1) p, group p)."""
     powers = [np.eye(p)]
     for _ in range(group):
         powers.append(np.frombuffer(F).reshape(p, p) @ powers[-1])

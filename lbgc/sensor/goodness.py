@@ -36,7 +36,7 @@ class Band:
     ratio: float
     """Power over the model's."""
     sigmas: float
-    """The same, in standard errors, as a normal number would be as improbable."""
+    """Normal number, in standard deviations, as improbable as the band's power."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Goodness:
     bands: tuple[Band, ...]
     """From low to high frequency, all there is"""
     worst: Band
-    """Of bands of several widths, the one least explained"""
+    """The band least explained, of bands of several widths"""
     unsteady: Band
     """Where the power changes most in time: the highest eighth of the log over the mean"""
     widening: tuple[float, ...]
@@ -150,7 +150,7 @@ def _edges(data: Ordinates, level: int) -> np.ndarray:
 
 
 def _sums(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Over the bands, (*S, bands)."""
+    """Sums over the bands, (*S, bands)."""
     total = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
     return total[..., edges[1:]] - total[..., edges[:-1]]
 
@@ -192,7 +192,8 @@ def _p(observed: np.ndarray, drawn: np.ndarray) -> np.ndarray:
 
 
 def _together(*each: np.ndarray) -> np.ndarray:
-    """The same of the least of several shares."""
+    """The share of draws in which the least of several such shares is as low, for the observed and
+    each drawn one, (1 + draws,)."""
     least = -np.min(each, axis=0)
     return _p(least[:1], least[1:])
 

@@ -37,7 +37,7 @@ class UnitErrors:
         return cls(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3))
 
     def rows(self, pick: np.ndarray | slice | int) -> Self:
-        """Of these of several."""
+        """Those of several units' (or recordings') errors that `pick` selects."""
         return type(self)(**{name: values[pick] for name, values in vars(self).items()})
 
 
@@ -82,7 +82,7 @@ class Timing:
     jitter_s: float = 0.0
     """1 sigma of a timestamp about the true time"""
     dropped_share: float = 0.0
-    """Of the samples, lost independently of each other"""
+    """Share of the samples that are lost, independently of each other"""
 
     @property
     def is_exact(self) -> bool:
@@ -150,7 +150,8 @@ class Triad:
         return tuple(self._terms_of(axis) for axis in (0, 1, 2))
 
     def terms_of_means(self, dt: float) -> tuple[gaussian.Gaussians, ...]:
-        """Of each axis's block means of samples at dt: rounding to counts is a term like others."""
+        """Gaussian terms of each axis's block means of samples at dt: rounding to counts is a term
+        like others."""
         if self.carried_lsb is not None:
             rounding = (noise.AngleQuantisation(self.carried_lsb / np.sqrt(12)),)
             return tuple((*own, *rounding) for own in self.terms)
@@ -315,8 +316,8 @@ class Triad:
         n: int,
         dt: float,
     ) -> np.ndarray:
-        """These terms of each axis, tone and ramp: float32 (*R, 3, n). Its means over dt have the
-        law of its samples' averages."""
+        """Noise by these terms of each axis, tone and ramp: float32 (*R, 3, n). Its means over dt
+        have the law of its samples' averages."""
         recordings = errors.bias_run.shape[:-1]
         signal = np.empty((*recordings, 3, n), np.float32)
         together = n <= _SHORT and len(set(terms)) == 1

@@ -24,14 +24,15 @@ KEYS = {
     "accelerometer_noise_density": ("accel", "vrw_m_per_s_per_sqrt_h"),
     "accelerometer_random_walk": ("accel", "random_walk_ug_per_sqrt_h"),
 }
-"""Each one's triad and key of `conf/imu/`."""
+"""Triad and key of `conf/imu/` for each of Kalibr's keys."""
 UNREAD = ("rostopic", "update_rate", "model", "time_offset", "T_i_b")
-"""Beside them in such files; nothing that an error model has."""
+"""Other keys of Kalibr's files, which hold nothing that an error model has."""
 _GROUP = "imu0"
 
 
 def adopted(given: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The same content in the keys of `conf/imu/`; without any such key, what was given.
+    """What an `imu` group holds, in the keys of `conf/imu/`; without a key of Kalibr's, what was
+    given.
 
     given : of an `imu` group, as YAML gives it. Raises InputError.
     """

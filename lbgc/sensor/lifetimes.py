@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 LEVEL = 0.95
-"""Of every interval here."""
+"""Confidence level of every interval here."""
 _TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 
 
@@ -95,8 +95,9 @@ def _of_spread(square: np.ndarray, freedom: int) -> np.ndarray:
 def _of_sessions(
     among: np.ndarray, inside: np.ndarray, outer: int, inner: int, effective: float
 ) -> np.ndarray:
-    """The same of the sessions' standard deviation (Searle et al. 1992, sec. 3.6d): exact where the
-    ratio of the mean squares alone counts and where sessions dominate, and holding 95% between."""
+    """95% interval of the sessions' standard deviation, (2, A) (Searle et al. 1992, sec. 3.6d):
+    exact where the ratio of the mean squares alone counts and where sessions dominate, and holding
+    95% between."""
     ends = []
     for tail in _TAILS[::-1]:
         explained = inside * stats.f.ppf(tail, outer, inner)

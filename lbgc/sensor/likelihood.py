@@ -21,9 +21,9 @@ _unit = lru_cache(maxsize=2048)(density)
 
 
 def _range(name: str, data: Ordinates) -> tuple[float, float]:
-    """Where a parameter ends. A filter with a damping above one has two poles apart: `FIRST_ORDER`
-    is that. A line narrower than 3/duration is one that the
-    log does not resolve."""
+    """Least and largest value of a parameter. A filter with a damping above one has two poles
+    apart: `FIRST_ORDER` is that. A line narrower than 3/duration is one that the log does not
+    resolve."""
     if name.startswith("line_width"):
         return 3 / (data.n * data.dt), np.inf
     if name.startswith("line_f0"):
@@ -44,7 +44,7 @@ class Likelihood:
         self.grid: Grid = data.grid
 
     def unit_variance(self, shape: Shape, parameters: Sequence[float]) -> np.ndarray:
-        """Of a term with coefficient one, at every ordinate: unit^2 s."""
+        """Variance of a term with coefficient one, at every ordinate: unit^2 s."""
         term: GaussianTerm = shape.unit_term(parameters)
         return _unit(term, self.grid)
 
@@ -76,14 +76,14 @@ class Likelihood:
         return 2 * value + len(self.names) * float(np.log(self.count.sum()))
 
     def information(self, p: np.ndarray) -> np.ndarray:
-        """Fisher's, of the log-parameters, (P, P)."""
+        """Fisher information of the log-parameters, (P, P)."""
         v, J = self.variance(p)
         A = J / v[:, None]
         return 0.5 * (A * self.count[:, None]).T @ A
 
     def covariance(self, p: np.ndarray, keep: Sequence[int] = ()) -> np.ndarray:
-        """Of the log-parameters' errors, (P, P); infinite for those that the data do not feel,
-        except that those to `keep` are taken as felt."""
+        """Covariance of the log-parameters' errors, (P, P); infinite for those that the data do not
+        feel, except that those to `keep` are taken as felt."""
         information = self.information(p)
         felt = np.diag(information) > 1e-9
         felt[list(keep)] = True

@@ -112,11 +112,11 @@ class Flicker(GaussianTerm):
         return gauss_markov_model(self.variances(), self.correlation_times(), interval)
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
-        """Exact, corners included."""
+        """Exact Allan variance, corners included."""
         return gauss_markov_allan(self.variances(), self.correlation_times(), tau)
 
     def psd(self, f: np.ndarray) -> np.ndarray:
-        """Of the model, corners and ripple included."""
+        """PSD of the model, corners and ripple included."""
         return gauss_markov_psd(self.variances(), self.correlation_times(), f)
 
 
@@ -147,13 +147,13 @@ class GaussMarkov(GaussianTerm):
 class Line(GaussianTerm):
     """A narrow band of noise around f0, with a stationary start. Its flanks are one of two kinds.
 
-    Of two poles it is a line that wanders: the real part of z e^(i w0 t), z the complex output of a
+    With two poles it is a wandering line: the real part of z e^(i w0 t), z the complex output of a
     low-pass of half the width (Butterworth, see BandLimited), so with a flat top and steep flanks:
     a vibration's power lies where its frequency goes and nowhere else. With g = pi x width, a =
     g/sqrt 2: covariance sigma^2 e^(-a|t|) (cos at + sin a|t|) cos w0 t; PSD sigma^2 sqrt 2/g times
     1/(1 + ((w - w0)/g)^4) + 1/(1 + ((w + w0)/g)^4), half its peak at f0 +- width/2.
 
-    Of one pole it is the rate of a damped resonance, x'' + 2 g x' + w0^2 x = white noise, whose
+    With one pole it is the rate of a damped resonance, x'' + 2 g x' + w0^2 x = white noise, whose
     flanks fall as the square of the distance: covariance sigma^2 e^(-g|t|) (cos w1 t -
     g/w1 sin w1|t|), w1^2 = w0^2 - g^2; PSD 4 g sigma^2 w^2/((w0^2 - w^2)^2 + 4 g^2 w^2).
     """
@@ -294,7 +294,7 @@ class AngleQuantisation(GaussianTerm):
         return 3 * self.Q**2 / np.asarray(tau, dtype=float) ** 2
 
     def psd(self, f: np.ndarray, dt: float) -> np.ndarray:
-        """Of samples at interval dt: 4 Q^2/dt sin^2(pi f dt), about (2 pi f)^2 Q^2 dt."""
+        """PSD of samples at interval dt: 4 Q^2/dt sin^2(pi f dt), about (2 pi f)^2 Q^2 dt."""
         return 4 * self.Q**2 / dt * np.sin(np.pi * np.asarray(f, dtype=float) * dt) ** 2
 
 
@@ -381,5 +381,6 @@ class Sinusoid:
 
 
 def allan_variance(terms: tuple, tau: np.ndarray) -> np.ndarray:
-    """Of the sum of independent terms (Gaussian or not), tau (*S) in s -> unit^2 (*S)."""
+    """Allan variance of the sum of independent terms (Gaussian or not), tau (*S) in s -> unit^2
+    (*S)."""
     return sum((t.allan_variance(tau) for t in terms), np.zeros(np.shape(tau)))

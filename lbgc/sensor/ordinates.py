@@ -58,12 +58,12 @@ class Ordinates:
 
 
 def ordinates(series: np.ndarray, dt: float) -> Ordinates:
-    """Of one recording. series : (n,), unit; dt : s."""
+    """Ordinates of one recording. series : (n,), unit; dt : s."""
     return pooled(series[None], dt)
 
 
 def pooled(series: np.ndarray, dt: float) -> Ordinates:
-    """Of several recordings of one process. series : (R, n), unit; dt : s."""
+    """Ordinates of several recordings of one process. series : (R, n), unit; dt : s."""
     recordings, n = series.shape
     split = min(_SINGLE, n // 2) + 1
     low, power = np.empty((recordings, split - 1)), np.zeros(n - split)

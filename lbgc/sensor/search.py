@@ -40,8 +40,8 @@ _MOST_TERMS = 12
 _ROUNDS = 12
 _WINDOWS = (1, 2, 4, 8, 16, 32, 64, 128)
 _PEAK = 15.0
-"""Of the logarithm, what a peak must promise to be tried; noise alone reaches it once in some 400
-spectra, and a line must gain more to stay."""
+"""Gain in log-likelihood that a peak must promise to be tried; noise alone reaches it once in some
+400 spectra, and a line must gain more to stay."""
 
 Option = tuple[list[Shape], dict[str, float]]
 
@@ -164,7 +164,7 @@ def _best(data: Ordinates, options: Sequence[Option]) -> list[Trial]:
 
 
 def _grown(data: Ordinates, best: Trial, say: Callable[[str], None]) -> Trial:
-    """Terms added while that gains."""
+    """The model with terms added while that gains."""
     while len(best.shapes) < _MOST_TERMS:
         say(f"{len(best.shapes)} terms, one more")
         trials = _best(data, list(_extensions(data, best)))

@@ -55,7 +55,8 @@ QUANTISATION = Shape(("Q",), AngleQuantisation)
 GAUSS_MARKOV = Shape(("GM_sigma", "GM_T"), GaussMarkov)
 FILTERED_WHITE = Shape(("N", "bandwidth", "damping"), BandLimited)
 BUTTERWORTH_WHITE = Shape(("N", "bandwidth"), BandLimited)
-"""The same with the usual damping: of a filter faster than the samples no more shows than that."""
+"""Filtered white noise with the usual damping: of a filter faster than the samples no more shows
+than that."""
 FIRST_ORDER_DAMPING = 2.0
 FIRST_ORDER = Shape(("N", "bandwidth"), partial(BandLimited, damping=FIRST_ORDER_DAMPING))
 """White noise behind a filter whose other pole is fourteen times as fast."""
@@ -69,7 +70,7 @@ def line(k: int, poles: int = 2) -> Shape:
 
 
 def given_damping(shape: Shape) -> float:
-    """Of filtered white noise whose damping is no parameter."""
+    """Damping ratio of filtered white noise whose damping is no parameter."""
     term = shape.unit_term((1.0,))
     assert isinstance(term, BandLimited)
     return term.damping
@@ -80,7 +81,7 @@ def is_line(shape: Shape) -> bool:
 
 
 def poles(shape: Shape) -> int:
-    """Of a line."""
+    """Number of poles of a line: 1 or 2."""
     term = shape.unit_term((1.0, 1.0))
     assert isinstance(term, Line)
     return term.poles
@@ -89,7 +90,7 @@ def poles(shape: Shape) -> int:
 def renumbered(
     shapes: Sequence[Shape], values: dict[str, float]
 ) -> tuple[list[Shape], dict[str, float]]:
-    """The same model with its lines numbered from 1 on."""
+    """A model with its lines numbered from 1 on."""
     out: list[Shape] = []
     named = {n: v for n, v in values.items() if not n.startswith("line_")}
     for shape in shapes:

@@ -106,12 +106,13 @@ def split(seed: int, block: int) -> np.random.Generator:
 
 
 def training(seed: int, step: int) -> np.random.Generator:
-    """Of one training step, so that a resumed run draws what an uninterrupted one would."""
+    """Random generator of one training step: a resumed run draws what an unbroken one would."""
     return _generator(seed, _TRAINING, step)
 
 
 def figures() -> np.random.Generator:
-    """Of what is worked out by drawing: intervals by resampling, expectations. Always the same."""
+    """Random generator, always the same, of what is worked out by drawing: intervals by resampling,
+    expectations."""
     return _generator(0, _FIGURES)
 
 

@@ -76,7 +76,8 @@ def _means(kind: str, times: np.ndarray, edges: np.ndarray, T: float) -> np.ndar
 
 
 class _Likelihood:
-    """Of noise and one course, for many courses at once. Series are scaled to white noise of 1."""
+    """Likelihood of noise and one course, for many courses at once. Series are scaled to white
+    noise of 1."""
 
     def __init__(self, means: np.ndarray, interval: float, corners: tuple[float, float]):
         blocks = len(means)
