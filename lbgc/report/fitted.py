@@ -11,8 +11,8 @@ from lbgc.report.remarks import remarks
 from lbgc.sensor.fitting import Fit
 from lbgc.sensor.goodness import Goodness
 from lbgc.sensor.profile import Estimate
-from lbgc.sensor.search import half_power_ratio
 from lbgc.sensor.shapes import given_damping, is_line
+from lbgc.sensor.trial import half_power_ratio
 from lbgc.units import factor, unit_of
 
 # parameter -> the key of `conf/imu/`, for a gyro and for an accelerometer

@@ -17,6 +17,10 @@ def remarks(fit: Fit, which: int) -> list[str]:
     said = [of_course(course, which) for course in fit.courses]
     if fit.counts is not None:
         said += of_counts(fit.counts, which)
+    if fit.is_cut_short:
+        said.append(
+            "the search for terms was cut short: lines or terms may be there that are not here"
+        )
     return said
 
 

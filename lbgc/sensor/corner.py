@@ -25,7 +25,7 @@ def profile(
     out = {}
     for short in {*usable, corners[0]}:
         changed = [flicker((short, corners[1])) if s.names == ("B",) else s for s in shapes]
-        likelihood = Likelihood(data, changed)
+        likelihood = Likelihood(data, changed, values)
         least = 1e-3 * max(values["N"], 1e-300)  # a size that was pushed to zero starts afresh
         start = [max(values[n], least if n in ("B", "K") else 1e-300) for n in likelihood.names]
         out[short] = -2 * likelihood.minimise(np.log(start), None, 15, 1e-2)[1]

@@ -13,9 +13,10 @@ from lbgc.sensor.instability import allan_minimum
 from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.ordinates import Ordinates
 from lbgc.sensor.profile import Estimate, interval, mixture_quantiles, widened
-from lbgc.sensor.search import search, try_out
+from lbgc.sensor.search import search
 from lbgc.sensor.shapes import BUTTERWORTH_WHITE, QUANTISATION, FlickerBetween, Shape
 from lbgc.sensor.tones import Tone
+from lbgc.sensor.trial import try_out
 from lbgc.sensor.warmup import Course
 
 
@@ -51,6 +52,8 @@ class Fit:
     """The samples' counts, where they have any."""
     rounding: float = 0.0
     """Density of the samples' rounding, beside the terms: unit^2 s."""
+    is_cut_short: bool = False
+    """Whether the search for terms had more to try when it ended."""
 
     @property
     def printed(self) -> gaussian.Gaussians:
@@ -88,7 +91,7 @@ def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = N
     start : first guesses of shape parameters, SI; coefficients start from the data.
     """
     begun = try_out(data, shapes, start or {})
-    likelihood = Likelihood(data, shapes)
+    likelihood = Likelihood(data, shapes, begun.values)
     p, best = likelihood.minimise(np.log([begun.values[name] for name in likelihood.names]))
     estimates = {name: interval(likelihood, p, best, i) for i, name in enumerate(likelihood.names)}
     if "N" in estimates:
@@ -107,14 +110,16 @@ def choose(
     data: Ordinates,
     corners: tuple[float, float] = (1.0, 3600.0),
     say: Callable[[str], None] = lambda what: None,
+    found: Fit | None = None,
 ) -> Fit:
     """Fit the core and whatever else the data ask for; see `lbgc.sensor.search`.
 
-    say : told what is being tried.
+    say : told what is being tried; found : of data that differ little, to go on from.
     """
-    best = search(data, corners, say)
+    values = {} if found is None else {name: e.value for name, e in found.estimates.items()}
+    best = search(data, corners, say, None if found is None else (found.shapes, values))
     say(f"intervals of {len(best.values)} parameters")
-    return fit(data, best.shapes, best.values)
+    return replace(fit(data, best.shapes, best.values), is_cut_short=best.is_cut_short)
 
 
 def _allowing(
@@ -136,7 +141,7 @@ def _allowing(
     centres, sigmas, gains = [np.log(n.value)], [np.log(n.high / n.low) / (2 * 1.96)], [0.0]
     for terms, start in options:
         begun = try_out(data, terms, start)
-        likelihood = Likelihood(data, terms)
+        likelihood = Likelihood(data, terms, begun.values)
         p = np.log([begun.values[name] for name in likelihood.names])
         at = likelihood.names.index("N")
         centres.append(max(p[at], centres[0] - 3))

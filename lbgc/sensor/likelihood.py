@@ -5,7 +5,7 @@ exactly (`lbgc.sensor.cosines`). What taking the coefficients as independent giv
 exact likelihood is below 3% of a standard error (`make study-noise`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -13,9 +13,12 @@ import numpy as np
 from lbgc.sensor.cosines import Grid, density
 from lbgc.sensor.gaussian import GaussianTerm
 from lbgc.sensor.ordinates import Ordinates
-from lbgc.sensor.shapes import Shape
+from lbgc.sensor.shapes import Shape, is_line
 
 _ENOUGH = 1e-5  # of the likelihood's logarithm, whose steps by 2 are what an interval is made of
+WIDEST = 0.3
+"""Width of a line over the frequency where it is looked for, at most: what is wider is no line, and
+hides those that are."""
 _STEP = 1e-4  # of a log-parameter, for derivatives
 _unit = lru_cache(maxsize=2048)(density)
 
@@ -34,12 +37,19 @@ def _range(name: str, data: Ordinates) -> tuple[float, float]:
 class Likelihood:
     """Minus the log-likelihood of log-parameters, with gradient and Fisher information."""
 
-    def __init__(self, data: Ordinates, shapes: Sequence[Shape]):
+    def __init__(
+        self, data: Ordinates, shapes: Sequence[Shape], near: Mapping[str, float] | None = None
+    ):
+        """near : values of the parameters about which lines are looked for, SI."""
         self.data, self.shapes = data, list(shapes)
         self.names = [name for shape in shapes for name in shape.names]
         with np.errstate(divide="ignore"):
             ends = np.log([_range(name, data) for name in self.names]).reshape(-1, 2)
         self.least, self.most = ends.T
+        for shape in shapes:
+            if is_line(shape) and near is not None:
+                width = self.names.index(shape.names[2])
+                self.most[width] = np.log(WIDEST * near[shape.names[1]])
         self.count, self.power = data.count, data.power
         self.grid: Grid = data.grid
 

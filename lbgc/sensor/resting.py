@@ -33,7 +33,7 @@ def fitted(
     fit = choose(data, corners, say)
     if seen is not None and rounding > 0 and _is_carried(fit, seen.lsb * dt):
         seen, data = replace(seen, kind="carried"), plain
-        fit = choose(data, corners, say)
+        fit = choose(data, corners, say, fit)
     say("goodness of fit")
     fit = judged(rest, data, fit)
     courses = tuple(course for _, own in settled for course in own)
