@@ -20,6 +20,7 @@ from multiprocessing import (
     set_start_method,
 )
 
+from lbgc import cores
 from lbgc.errors import InputError, require, require_choice
 
 _LOSSES = 3
@@ -51,13 +52,13 @@ class ClusterConfig:
 
     @property
     def processes(self) -> int:
-        return (self.workers or os.cpu_count() or 1) if self.kind == "local" else 1
+        return (self.workers or cores.count()) if self.kind == "local" else 1
 
     @property
     def threads(self) -> int:
         """Threads for one task; no number depends on it. On another's cluster a task is one of
         many."""
-        return 1 if self.kind == "dask" else max(1, (os.cpu_count() or 1) // self.processes)
+        return 1 if self.kind == "dask" else max(1, cores.count() // self.processes)
 
 
 def finished(

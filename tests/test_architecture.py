@@ -22,6 +22,7 @@ BASE = {
     "lbgc.units",
     "lbgc.outputs",
     "lbgc.configs",
+    "lbgc.cores",
 }
 MAY_IMPORT = {
     "lbgc.units": set(),
@@ -29,6 +30,7 @@ MAY_IMPORT = {
     "lbgc.earth": set(),
     "lbgc.frames": set(),
     "lbgc.configs": set(),
+    "lbgc.cores": set(),
     "lbgc.sweeps": {"lbgc.outputs"},
     "lbgc.errors": {"lbgc.units", "lbgc.configs", "lbgc.sweeps", "lbgc.outputs"},
     "lbgc.protocol": {"lbgc.errors"},

@@ -11,6 +11,7 @@ from helpers import composed, default_config, generate
 from scipy.special import i0e
 
 import lbgc.train
+from lbgc import cores
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, stack
 from lbgc.errors import InputError
@@ -255,12 +256,20 @@ class Numbers:
 
 def test_small_networks_take_one_thread_and_large_ones_more(monkeypatch):
     """The published networks' matrices are too small for two: they would wait for each other."""
-    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    monkeypatch.setattr("lbgc.cores.count", lambda: 8)
     monkeypatch.setattr(torch, "get_num_threads", lambda: 8)
     for config in (ModelConfig(hidden=8), ModelConfig(hidden=24), ModelConfig(cell="pool")):
         assert threads.wanted(config, batch=100) == 1
     assert threads.wanted(ModelConfig(hidden=1024), batch=100) == 8
     assert 1 < threads.wanted(ModelConfig(hidden=128), batch=100) < 8
+
+
+def test_cores_are_those_that_this_process_may_use(monkeypatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {3}, raising=False)
+    assert cores.count() == 1
+    monkeypatch.delattr("os.sched_getaffinity")
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    assert cores.count() == 8
 
 
 def test_the_option_overrides_how_many_threads(monkeypatch):
@@ -281,7 +290,7 @@ def test_the_option_overrides_how_many_threads(monkeypatch):
     ids=["by a thread", "by processes", "in a daemon"],
 )
 def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, daemon):
-    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    monkeypatch.setattr("lbgc.cores.count", lambda: 3)
     process = multiprocessing.current_process()
     monkeypatch.setattr(type(process), "daemon", daemon)
     batches = Batches(Numbers(), seed=1, batch=3, windows_steps={10.0: 2, 20.0: 4})

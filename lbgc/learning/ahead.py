@@ -1,7 +1,6 @@
 """Batches of the steps to come, drawn while a network takes the step before."""
 
 import multiprocessing
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch.utils.data import DataLoader, Dataset
 
+from lbgc import cores
 from lbgc.learning.batches import Examples
 from lbgc.sensor import streams
 
@@ -59,7 +59,7 @@ def _processes() -> int:
     """None inside a process that may have none."""
     if multiprocessing.current_process().daemon:
         return 0
-    return min(_MOST_PROCESSES, (os.cpu_count() or 1) - 1)
+    return min(_MOST_PROCESSES, cores.count() - 1)
 
 
 def _by_processes(count: int, batches: Batches, steps: range) -> Iterator[Batch]:

@@ -1,11 +1,11 @@
 """How many threads a network's arithmetic gets: as many as its matrices are worth."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import torch
 
+from lbgc import cores
 from lbgc.learning.model import RECURRENT, ModelConfig
 
 _WORTH = 4e6
@@ -19,7 +19,7 @@ def wanted(config: ModelConfig, batch: int) -> int:
         product = batch * 4 * config.hidden * (config.hidden + max(config.features, config.hidden))
     else:
         product = batch * config.hidden * max(config.features, config.hidden)
-    return max(1, min(int(product / _WORTH), torch.get_num_threads(), os.cpu_count() or 1))
+    return max(1, min(int(product / _WORTH), torch.get_num_threads(), cores.count()))
 
 
 @contextmanager

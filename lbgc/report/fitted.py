@@ -183,6 +183,7 @@ def of_axis(fit: Fit) -> dict:
         "courses": [asdict(c) for c in fit.courses],
         "counts": None if fit.counts is None else asdict(fit.counts),
         "bic": fit.bic,
+        "search_cut_short": fit.is_cut_short,
         "goodness": None if fit.goodness is None else _goodness(fit.goodness),
     }
 

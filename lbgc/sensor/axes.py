@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from lbgc import cores
 from lbgc.sensor import resting
 from lbgc.sensor.fitting import Fit
 
@@ -36,7 +37,7 @@ def fitted(
     No number depends on how many there are.
     """
     small = sum(one.size for one in series.values()) < SMALL
-    workers = processes or (1 if small else os.cpu_count() or 1)
+    workers = processes or (1 if small else cores.count())
     workers = min(workers, len(series))
     if workers == 1:
         for name, one in series.items():

@@ -10,7 +10,6 @@ network alone.
 """
 
 import hashlib
-import os
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -28,6 +27,7 @@ from timing import CASES, Work, against, floor, normals
 
 import sim.generate
 import sim.recordings
+from lbgc import cores
 from lbgc.data import store
 from lbgc.data.store import Dataset
 from lbgc.earth import normal_gravity
@@ -125,7 +125,7 @@ def in_vehicle(*options: str) -> GenerateConfig:
 
 def vehicle(home: Path, count: int) -> Work:
     """So many recordings in a vehicle, as a worker with one core makes them."""
-    workers = ("cluster=local", f"cluster.workers={os.cpu_count()}")
+    workers = ("cluster=local", f"cluster.workers={cores.count()}")
     config = in_vehicle(f"recordings={count}", *workers)
     path, sensor = str(home / "vehicle.zarr"), sim.recordings.Sensor.of(config)
     store.create(path, sim.generate._layout(config, sensor), config.content(), {})

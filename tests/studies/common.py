@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 import sim.generate
+from lbgc import cores
 from lbgc.outputs import as_json, write_atomically
 
 
@@ -60,7 +61,7 @@ class Report:
         if kind is not None:
             return
         self.summary["minutes"] = round((time.perf_counter() - self._started) / 60, 2)
-        self.summary["machine"] = f"{platform.machine()}, {os.cpu_count()} cores"
+        self.summary["machine"] = f"{platform.machine()}, {cores.count()} cores"
         write_atomically(self.directory / "table.txt", "\n".join(self._lines) + "\n")
         write_atomically(self.directory / "summary.json", as_json(self.summary) + "\n")
         print(self.directory / "summary.json")

@@ -9,7 +9,6 @@ unit's errors where the network could have learned them, else to the one that is
 """
 
 import json
-import os
 import shutil
 import sys
 import time
@@ -30,6 +29,7 @@ from tqdm import tqdm
 import lbgc.export
 import lbgc.train
 import sim.generate
+from lbgc import cores
 from lbgc.bound import floor
 from lbgc.data.calibrated import calibrated, drawn_errors
 from lbgc.data.record import Record
@@ -77,7 +77,7 @@ class Case:
             f"out={DIRECTORY}/data/{self.name}_{part}.zarr",
             "output=means",
             f"mean_s={self.mean_s:g}",
-            *([] if self.stream else ["cluster=local", f"cluster.workers={os.cpu_count()}"]),
+            *([] if self.stream else ["cluster=local", f"cluster.workers={cores.count()}"]),
             f"recordings={recordings}",
             f"seed={seed}",
             f"unit_seed={unit_seed}",

@@ -108,7 +108,7 @@ def low_signal(report: Report, config: Mapping, seed: int) -> None:
     worst = []
     for window in config["windows_s"]:
         case = Case("low signal", "ideal", PROTOCOLS["static"], float(window), window / 10)
-        windows = drawn(case, imu, config["recordings"], seed)
+        windows = drawn(case, imu, config["recordings"], seed + round(window))
         for name, own in scored(windows, named("mean", "triad", "gls"), imu).items():
             low, high = interval95((own.errors / own.sigma) ** 2)
             report.line(
