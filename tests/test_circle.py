@@ -107,3 +107,30 @@ def test_answers_take_microseconds(noise):
         circle.posterior(h, J)
         best = min(best, time.process_time() - started)
     assert best / 2000 < 60e-6
+
+
+@pytest.mark.parametrize("size", [3e6, 1e8])
+@pytest.mark.parametrize("ratio", [1.5, 1e2, 1e4, 1e6])
+def test_a_sum_over_peaks_is_the_series(size, ratio):
+    rng = np.random.default_rng(7)
+    for k in range(8):
+        J = _random(rng, size, ratio)
+        psi = rng.uniform(-np.pi, np.pi)
+        if k % 2:  # along the axis that much is known of: the two peaks meet in a flat one
+            psi = float(np.arctan2(*np.linalg.eigh(J)[1][::-1, 1]))
+        h = J @ [np.cos(psi), np.sin(psi)] + np.linalg.cholesky(J) @ rng.standard_normal(2)
+        terms = circle._terms(h[None], J)
+        first, sigma = circle._of_series(terms, int(circle._steps(terms)[0]), None)
+        assert circle._of_peaks(terms[0], None)[1] == pytest.approx(sigma[0], rel=1e-5)
+        assert circle._of_peaks(terms[0], None)[0] == pytest.approx(first[0], abs=1e-7)
+
+
+def test_the_narrowest_posterior_takes_no_more_room_than_any():
+    """North known to 1e-7 across one axis and to 0.01 across the other, as of a perfect sensor."""
+    J = np.diag([1e14, 1e4])
+    two = circle.posterior(np.array([[1e14 * np.cos(1.0), 1e4 * np.sin(1.0)]]), J)
+    assert two.heading[0] == pytest.approx(1.0, abs=1e-7)
+    assert two.sigma[0] == pytest.approx(1e-7 / np.sin(1.0), rel=1e-3)
+    flat = circle.posterior(np.array([[1e14, 0.0]]), np.diag([1e14, 0.0]))
+    # p = exp(-1e14 (1 - cos psi)^2/2) = exp(-(psi/s)^4), s^4 = 8e-14
+    assert flat.sigma[0] == pytest.approx(8e-14**0.25 * 0.5813683, rel=1e-4)

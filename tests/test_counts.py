@@ -76,7 +76,22 @@ def test_noise_with_a_memory_is_not_told_from_coarse_counts(rng):
     fit = resting.fitted(series[None], DT, (1.0, 3600.0))
     assert fit.estimates["N"].is_withheld
     assert spelled(fit.estimates["N"], "arw_deg_per_sqrt_h") == "cannot be told from this log"
-    assert any("neighbours hang together" in said for said in remarks(fit, 0))
+    assert any("not white or changes them too rarely" in said for said in remarks(fit, 0))
+
+
+def test_carried_counts_that_noise_does_not_shake_tell_no_noise(rng):
+    """Pulses of an accurate ring laser: 0.02 counts of noise a sample, and rates that beat fast,
+    slowly and hardly ever; each sample rounded by itself is another thing."""
+    for rate in (0.37, 0.0412, 0.003):
+        angle = np.cumsum(rate + 0.02 * rng.standard_normal(N))
+        series = np.diff(np.round(angle)) * LSB
+        assert counts.judged(series).kind == "beating"
+    fit = resting.fitted(series[None], DT, (1.0, 3600.0))
+    assert fit.goodness is None
+    assert all(e.is_withheld for name, e in fit.estimates.items() if name != "Q")
+    assert fit.estimates["Q"].value == pytest.approx(LSB * DT / np.sqrt(12))
+    assert any("beat with the mean rate" in said for said in remarks(fit, 0))
+    assert counts.judged(rounded(0.3, rng)).kind == "coarse"
 
 
 @pytest.mark.parametrize("sigma", [0.3, 0.5, 1.0])

@@ -6,10 +6,10 @@ from dataclasses import replace
 import floor_cases
 import numpy as np
 import pytest
-from helpers import composed
+from helpers import composed, default_config, generate
 
 from lbgc.bound import BoundConfig, bounds, course_of, crlb, expected_floor, floor
-from lbgc.data.windows import Windows, at_rate
+from lbgc.data.windows import Windows, at_rate, cut, joined
 from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.course import Course, Site, block_size, levelled
 from lbgc.estimators.optimal import fitted, information, told
@@ -127,6 +127,27 @@ def test_rests_tell_of_north_where_the_plate_turns_for_most_of_the_window():
     error = wrap(found.heading - windows.heading)
     assert np.sqrt(np.mean(error**2)) == pytest.approx(expected, rel=0.09)
     assert np.mean((error / found.sigma) ** 2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 600))
+
+
+@pytest.mark.parametrize("protocol", ["static", "two_position", "four_position", "carousel"])
+@pytest.mark.parametrize("lean_deg", [0, 5])
+def test_a_perfect_sensor_finds_north(protocol, lean_deg, tmp_path):
+    """What the bench does that no sensor's model has is noise enough: nothing is refused, asks for
+    gigabytes or states a certainty that no arithmetic has."""
+    options = [f"protocol={protocol}", "imu=ideal", f"scene.base_pitch_deg={lean_deg}",
+               "recordings=2", "rate_hz=20", "mean_s=1", "duration_s=240"]  # fmt: skip
+    config = default_config(*options)
+    changes = {name: value for name, value in vars(config).items() if name != "out"}
+    data = generate(tmp_path / "d.zarr", **changes)
+    windows = joined([cut(record, 240.0) for record in data.records(np.arange(2))])
+    imu = config.imu.model(config.rate_hz)
+    own = {"static": "triad", "two_position": "two_position_weighted",
+           "four_position": "cosine_fit_weighted", "carousel": "carousel_weighted"}  # fmt: skip
+    for name in ("gls", "floor", "ekf", own[protocol]):
+        estimate = floor if name == "floor" else CLASSICAL[name]
+        found = estimate(windows, imu)
+        off = np.rad2deg(np.abs(wrap(found.heading - windows.heading)))
+        assert (off < (0.3 if name == "ekf" else 0.01)).all(), name  # its encoder has one sigma
 
 
 def test_slews_tell_of_north():

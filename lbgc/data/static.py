@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.errors import InputError
+from lbgc.sensor.counts import ENOUGH, count_size
 from lbgc.sensor.goodness import bartlett
 
 AXES = ("forward", "right", "down")
@@ -44,7 +45,8 @@ def require_steady(static: Static) -> None:
                 static.name,
                 f"{part} {dead}",
                 "",
-                "never changes: a dead channel has no noise to fit",
+                "never changes: a dead channel, or counts far coarser than its noise; there is "
+                "none to fit",
             )
     for part, seconds in ((p, s) for p in PARTS for s in (static.dt, 0.1, 1.0)):
         block = max(1, round(seconds / static.dt))
@@ -54,6 +56,8 @@ def require_steady(static: Static) -> None:
             continue
         means = series[:, : count * block].reshape(len(series), count, block, 3).mean(axis=2)
         for axis in range(3):
+            if _is_coarse(series[:, :, axis]):
+                continue  # how often a count changes hangs on where the mean stands within it
             ratio, p = _unsteadiness(np.diff(means[:, :, axis], axis=1))
             if ratio > _MATTERS and p < _CHANCE:
                 raise InputError(
@@ -61,6 +65,13 @@ def require_steady(static: Static) -> None:
                     f"the log as in another, on the {AXES[axis]} axis: something moved, or shook "
                     "it; noise is fitted to a resting IMU, so cut the log to a quiet stretch"
                 )  # fmt: skip
+
+
+def _is_coarse(series: np.ndarray) -> bool:
+    """Whether samples, (R, n), have counts that the noise from one to the next does not shake."""
+    lsb = count_size(series[0])
+    noise = np.mean(np.diff(series, axis=1) ** 2) / 2
+    return lsb is not None and noise < (ENOUGH**2 + 1 / 12) * lsb**2
 
 
 def _unsteadiness(differences: np.ndarray) -> tuple[float, float]:

@@ -17,7 +17,8 @@ series, p_k = sum of p exp(-i k psi) over N equal steps, for which
 
     E[wrap(psi - a)^2] = pi^2/3 + 4 sum over k >= 1 of (-1)^k Re(p_k exp(i k a)) / (k^2 p_0);
 
-where it is one narrow peak, of a sum over eight of its widths either way.
+where it is one narrow peak, of a sum over eight of its widths either way; where it is narrow but no
+such peak (two of them, or a flat one), of a sum over each down to exp(-30) of its top.
 """
 
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ _NODES_A_WIDTH = 10.0
 """Steps of the circle over the narrowest width that the posterior can have: series end there at
 exp(-12) of their first term."""
 _MOST_WIDE = 256  # steps, above which one narrow peak is cheaper by itself
+_MOST_STEPS = 2**14  # above which a series takes too long
 _PEAK = np.linspace(-8.0, 8.0, 25)  # widths from the mode; such sums err by exp(-44)
 _FAR = 30.0  # of log p: what lies so far below the mode weighs nothing
 _NUMBERS = 2**18  # held at once
@@ -89,7 +91,10 @@ def _posterior(terms: np.ndarray, answer: np.ndarray | None) -> Posterior:
         rows = np.flatnonzero(narrow)
         about = None if answer is None else answer[rows]
         first[rows], sigma[rows] = _of_peak(terms[rows], at[rows], about)
-    for count in np.unique(steps[~narrow]):
+    long = ~narrow & (steps > _MOST_STEPS)
+    for row in np.flatnonzero(long):
+        first[row], sigma[row] = _of_peaks(terms[row], None if answer is None else answer[row])
+    for count in np.unique(steps[~narrow & ~long]):
         every = np.flatnonzero(~narrow & (steps == count))
         size = max(1, _NUMBERS // int(count))
         for rows in (every[i : i + size] for i in range(0, len(every), size)):
@@ -119,7 +124,7 @@ def _terms(h: np.ndarray, J: np.ndarray) -> np.ndarray:
     return terms
 
 
-def _waves(psi: np.ndarray) -> np.ndarray:
+def _waves(psi: np.ndarray | float) -> np.ndarray:
     """(4, *S)"""
     return np.stack([np.cos(psi), np.sin(psi), np.cos(2 * psi), np.sin(2 * psi)])
 
@@ -201,17 +206,75 @@ def _of_peak(
     for rows in (slice(i, i + size) for i in range(0, len(at), size)):
         own = terms[rows]
         off = _PEAK / np.sqrt(-_slope(own, at[rows])[1])[:, None]
-        # differences from the peak's own value, without the digits that large terms share:
-        # cos(a + t) - cos(a) = -sin(a) sin(t) - 2 cos(a) sin(t/2)^2
-        c, s, c2, s2 = _waves(at[rows])
-        x, y, x2, y2 = own.T
-        t, half = np.sin(off), np.sin(off / 2) ** 2
-        log_p = (y * c - x * s)[:, None] * t - 2 * (x * c + y * s)[:, None] * half
-        log_p += (y2 * c2 - x2 * s2)[:, None] * np.sin(2 * off)
-        log_p -= 2 * (x2 * c2 + y2 * s2)[:, None] * t**2
+        log_p = _below(own.T[..., None], at[rows][:, None], off)
         p = np.exp(log_p)
         p /= p.sum(axis=1, keepdims=True)
         first[rows] = np.sum(p * np.exp(1j * off), axis=1) * np.exp(1j * at[rows])
         about = np.angle(first[rows]) if answer is None else answer[rows]
         sigma[rows] = np.sqrt(np.sum(p * wrap(off + (at[rows] - about)[:, None]) ** 2, axis=1))
     return first, sigma
+
+
+def _of_peaks(terms: np.ndarray, answer: float | None) -> tuple[complex, float]:
+    """The same of one posterior, (4,), whose peaks are narrow but two, or flat."""
+    psi, log_p, width = [], [], []
+    nodes, node_weights = np.polynomial.legendre.leggauss(200)
+    maxima = _maxima(terms)
+    height = [float(terms @ _waves(at)) for _, at, _ in maxima]
+    for (before, at, after), own in zip(maxima, height, strict=True):
+        least, most = (-_reach(terms, at, before - at), _reach(terms, at, after - at))
+        off = (most + least) / 2 + (most - least) / 2 * nodes
+        psi.append(at + off)
+        log_p.append(own - max(height) + _below(terms, at, off))
+        width.append(node_weights * (most - least))
+    angles, p = np.concatenate(psi), np.concatenate(width) * np.exp(np.concatenate(log_p))
+    p /= p.sum()
+    first = complex(p @ np.exp(1j * angles))
+    about = np.angle(first) if answer is None else answer
+    return first, float(np.sqrt(p @ wrap(angles - about) ** 2))
+
+
+def _extremes(terms: np.ndarray) -> np.ndarray:
+    """Where log p is level, rad, in order: the roots on the unit circle of its slope's polynomial
+    of order four in exp(i psi). Those between which it changes by no more than some units are one:
+    a flat peak has three."""
+    size = np.abs(terms).max()
+    near = (30.0 / size) ** (1 / 3) + 2e-5
+    x, y, x2, y2 = terms / size
+    roots = np.roots([y2 + 1j * x2, (y + 1j * x) / 2, 0, (y - 1j * x) / 2, y2 - 1j * x2])
+    at = np.sort(np.angle(roots[np.abs(np.abs(roots) - 1) < near]))
+    begins = np.flatnonzero(np.diff(at, prepend=at[-1] - 2 * np.pi) > near)
+    ends = np.roll(begins, -1) + len(at) * (np.arange(len(begins)) == len(begins) - 1)
+    twice = np.concatenate([at, at + 2 * np.pi])
+    return np.sort(wrap(np.array([twice[i:j].mean() for i, j in zip(begins, ends, strict=True)])))
+
+
+def _maxima(terms: np.ndarray) -> list[tuple[float, float, float]]:
+    """The maxima of log p, rad, each between the minima before and after it: there are two of
+    each at most."""
+    at = _extremes(terms)
+    height = _waves(at).T @ terms
+    tops = np.flatnonzero((height >= np.roll(height, 1)) & (height >= np.roll(height, -1)))
+    lows = np.flatnonzero((height <= np.roll(height, 1)) & (height <= np.roll(height, -1)))
+    found = []
+    for top in tops:
+        ahead = np.mod(at[lows] - at[top], 2 * np.pi)
+        found.append((at[top] + ahead.max() - 2 * np.pi, at[top], at[top] + ahead.min()))
+    return found
+
+
+def _reach(terms: np.ndarray, at: float, room: float) -> float:
+    """How far from a maximum p is above exp(-30) of its top, rad, within this room on one side."""
+    far = abs(room) * 2.0 ** -np.arange(60)
+    beyond = far[_below(terms, at, np.sign(room) * far) < -_FAR]
+    return float(beyond.min(initial=abs(room)))
+
+
+def _below(terms: np.ndarray, at: np.ndarray | float, off: np.ndarray) -> np.ndarray:
+    """log p over that at an angle, rad, so far from it: without the digits that large terms share,
+    cos(a + t) - cos(a) = -sin(a) sin(t) - 2 cos(a) sin(t/2)^2. terms : (4, *S); at, off : *S."""
+    c, s, c2, s2 = _waves(at)
+    x, y, x2, y2 = terms
+    log_p = (y * c - x * s) * np.sin(off) - 2 * (x * c + y * s) * np.sin(off / 2) ** 2
+    log_p += (y2 * c2 - x2 * s2) * np.sin(2 * off)
+    return np.asarray(log_p - 2 * (x2 * c2 + y2 * s2) * np.sin(off) ** 2)

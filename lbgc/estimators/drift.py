@@ -17,7 +17,7 @@ from lbgc.sensor import noise
 from lbgc.sensor.imu import ImuModel, Triad
 
 _SHORT, _LONG = 0.1, 2.0
-_LEAST = (1e-10, 1e-6)
+_LEAST = (1e-8, 1e-6)
 """rad/sqrt(s) and m/s/sqrt(s): a sensor without any noise has a covariance that rounding breaks;
 far below all others."""
 

@@ -190,7 +190,18 @@ def told(imu: ImuModel, part: Levelled, free_bias: bool = False, check: bool = F
 
 def fitted(imu: ImuModel, part: Levelled, free_bias: bool = False) -> Told:
     """What windows tell, each with its slews where they fit the sensor's model. Where they do not
-    (an axis that wobbles, an encoder that lags), that window is told by the other parts alone."""
+    (an axis that wobbles, an encoder that lags), that window is told by the other parts alone. Of a
+    sensor that is stated without noise, each window's own scatter is the noise: what the bench does
+    that no sensor's model has."""
+    found = _fitted(imu, part, free_bias)
+    if not imu.is_noiseless:
+        return found
+    scatter = np.fmax(found.misfit, 1.0)
+    by = scatter[:, None, None]
+    return Told(found.h / by[:, 0], found.J / by, found.misfit / scatter)
+
+
+def _fitted(imu: ImuModel, part: Levelled, free_bias: bool) -> Told:
     every, slews = told(imu, part, free_bias, check=True), part.course.slewing
     if not slews.any() or slews.all():
         return every

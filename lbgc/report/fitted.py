@@ -97,6 +97,8 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
 
 def _lowest(fit: Fit, key: str, seconds: float) -> str:
     """The fitted curve's lowest point, where a log of so many seconds reaches as far."""
+    if fit.estimates["N"].is_withheld:
+        return "cannot be told from this log"
     lowest, tau = fit.allan_minimum
     if tau > seconds / 2:
         return f"not within this log: N, B and K as told still fall at {seconds / 2:.3g} s"
@@ -137,7 +139,7 @@ def explained(fit: Fit) -> str:
     """Whether the model explains the recording, and what it does not."""
     g = fit.goodness
     if g is None:
-        return "not looked at"
+        return "not tested: counts coarser than the noise hide its spectrum"
     if g.fails:
         return f"FAILS: {g.says}; intervals are wider by that"
     return f"p = {g.p:.2g}: spectrum {g.p_spectrum:.2g}, Allan {g.p_allan:.2g}, time {g.p_time:.2g}"

@@ -53,8 +53,8 @@ def of_counts(c: Counts, which: int) -> list[str]:
         slow = f"; a slow change may show up to {c.blur:.0%} too large or small: limits are widened"
     if c.kind == "memory":
         return [
-            f"{size} are coarser than the noise, whose neighbours hang together: the angle "
-            f"(velocity) random walk cannot be told from them{slow}"
+            f"{size} are coarser than the noise, which is not white or changes them too rarely: "
+            f"the angle (velocity) random walk cannot be told from them{slow}"
         ]
     if c.kind == "coarse" and c.low == 0:
         return [f"{size} hide the noise, which is below {c.upper:.2g} of one{slow}"]
@@ -62,6 +62,11 @@ def of_counts(c: Counts, which: int) -> list[str]:
         return [
             f"{size} are coarser than the noise, {c.sigma:.2g} of one: the angle (velocity) random "
             f"walk is from how often each count comes{slow}"
+        ]
+    if c.kind == "beating":
+        return [
+            f"{size}, the rest of each carried over to the next, are coarser than the noise: they "
+            "beat with the mean rate, in lines that hide it; the quantisation is theirs"
         ]
     if c.kind == "carried":
         return [f"{size}: the rest of each is carried over to the next: quantisation"]

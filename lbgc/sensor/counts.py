@@ -11,9 +11,14 @@ the counts themselves is needed: with counts' edges known,
 
 an ordered probit regression, m(t) a few slow cosines and tones, whose log-likelihood is concave in
 (1/sigma, m/sigma). It holds for white noise; counts whose residuals remember each other say so.
+
+Where the rest of each rounding is carried over to the next sample (pulses of an integrated rate),
+the sum of counts follows the sum of x within a count. If x's noise shakes the phase, that is angle
+quantisation; if not, counts beat with the mean rate, in lines at all multiples of rate over count
+and their images, which hide the noise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
@@ -30,6 +35,11 @@ _LAGS = 30
 _FIVE_SIGMA = 2.9e-7
 _MOST_SAMPLES = 200_000  # that are looked at one by one: for tones, and with them
 _QUIETEST = 0.04  # counts: less noise than this nothing tells
+_PHASE = 0.2  # counts of noise a sample that shake the phase of counts carried over
+_PHASES = 64  # samples over which it is looked at
+_STRETCH = 4.0  # counts^2 of change in the stretches whose sums tell counts carried over
+_STRETCHES = 16  # that it takes to tell
+_BY_CHANCE = 1e-5
 _SEEN = 0.15  # standard error of ln sigma, above which the noise has a limit only
 
 
@@ -47,11 +57,17 @@ class Counts:
     """One-sided 95% upper limit."""
     kind: str
     """dithered: rounding is white noise; carried: the rest of each rounding is carried over to the
-    next sample, so that it is angle quantisation; coarse: sigma is the counts' own; memory: coarse,
-    and the noise is not white, so that no sigma tells N."""
+    next sample, so that it is angle quantisation; beating: carried over, and not shaken by the
+    noise; coarse: sigma is the counts' own; memory: coarse, and the noise is not white, or changes
+    of count are too few to tell whether the rest is carried over, so that no sigma tells N."""
     blur: float
     """The most by which the mean seen through the counts can lag or lead a slow change of it, as a
     share of the change: 2 exp(-2 pi^2 sigma^2), less where tones shake the counts."""
+
+    @property
+    def hides_noise(self) -> bool:
+        """Whether the noise does not shake the counts, so that no spectrum tells what it is."""
+        return self.kind in ("coarse", "memory", "beating")
 
     def rounding(self, dt: float) -> float:
         """Density of the rounding noise that the samples have besides their own, unit^2 s."""
@@ -92,11 +108,17 @@ def judged(series: np.ndarray) -> Counts | None:
     rest = some - design @ np.linalg.lstsq(design, some, rcond=None)[0]
     variance = float(np.var(rest)) - 1 / 12
     differences = float(np.mean(np.diff(rest) ** 2)) / 2 - 1 / 12
-    carried = _carried(rest)
+    level = some - slow @ np.linalg.lstsq(slow, some, rcond=None)[0]
+    undone = _undone(level)
+    carried = _carried(rest) or bool(undone)
     if carried or (variance > ENOUGH**2 and differences > _SHAKEN):
         sigma = float(np.sqrt(max(variance - carried / 12, 0.0)))
-        return Counts(lsb, sigma, sigma, sigma, sigma, "carried" if carried else "dithered", 0.0)
-    return _coarse(lsb, y, waves)
+        kind = "dithered" if not carried else "carried" if _is_shaken(level) else "beating"
+        return Counts(lsb, sigma, sigma, sigma, sigma, kind, 0.0)
+    coarse = _coarse(lsb, y, waves)
+    if undone is None and coarse.kind == "coarse" and coarse.low > 0:
+        return replace(coarse, kind="memory")
+    return coarse
 
 
 def _carried(rest: np.ndarray) -> bool:
@@ -105,6 +127,31 @@ def _carried(rest: np.ndarray) -> bool:
     covariance = np.mean(rest[1:] * rest[:-1])
     sigma = np.var(rest) / np.sqrt(len(rest))
     return bool(covariance < -1 / 24 and covariance < -3 * sigma)
+
+
+def _undone(rest: np.ndarray) -> bool | None:
+    """Whether sums over stretches scatter far less than those of samples that are each rounded by
+    itself, as they do where the rest is carried over; None where too few changes tell."""
+    variance = float(np.var(rest))
+    length = max(1, int(_STRETCH / max(variance, 1e-12)))
+    number = len(rest) // length
+    if number < _STRETCHES:
+        return None
+    sums = rest[: number * length].reshape(number, length).sum(axis=1)
+    ratio = float(np.mean(np.diff(sums) ** 2)) / (2 * length * variance)
+    freedom = (number - 1) * 2 / 3  # of differences between neighbours
+    chance = float(scipy.special.gammainc(freedom / 2, ratio * freedom / 2))
+    return ratio < 0.3 and chance < _BY_CHANCE
+
+
+def _is_shaken(rest: np.ndarray) -> bool:
+    """Whether noise moves the phase of counts carried over enough that they do not beat: by 0.2
+    counts a sample a beat is gone in two. Sums over stretches differ by the noise between them and
+    by three roundings, one of them twice: var/2 = n sigma^2 + 6/24."""
+    number = len(rest) // _PHASES
+    sums = rest[: number * _PHASES].reshape(number, _PHASES).sum(axis=1)
+    noise = float(np.mean(np.diff(sums) ** 2)) / 2 - 0.25
+    return noise > _PHASES * _PHASE**2
 
 
 def _cosines(n: int, count: int) -> np.ndarray:

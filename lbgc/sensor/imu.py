@@ -370,6 +370,14 @@ class ImuModel:
     """What of it is assumed and was never measured, for whoever reads figures that hang on it."""
 
     @property
+    def is_noiseless(self) -> bool:
+        """Whether it is stated without noise, tone or counts, as `imu=ideal` is."""
+        return not any(
+            any(t.terms) or any(t.tone) or t.lsb is not None or t.carried_lsb is not None
+            for t in (self.gyro, self.accel)
+        )
+
+    @property
     def averages_motion(self) -> bool:
         """Whether means of what it prints follow from means of the motion: no output filter, and
         no scale factor that changes in a recording."""

@@ -9,9 +9,12 @@ import numpy as np
 from lbgc.sensor import counts, warmup
 from lbgc.sensor.counts import Counts
 from lbgc.sensor.fitting import Fit, choose, judged
+from lbgc.sensor.fitting import fit as fit_terms
 from lbgc.sensor.ordinates import pooled
 from lbgc.sensor.profile import Estimate
+from lbgc.sensor.shapes import QUANTISATION, core
 
+_FLICKER = 0.02  # of N under coarse counts, 1 sigma
 _HIDDEN = 0.9  # of a slow change, that counts may take away, above which they tell nothing of it
 
 
@@ -30,12 +33,19 @@ def fitted(
     plain = pooled(rest, dt)
     rounding = 0.0 if seen is None else seen.rounding(dt)
     data = replace(plain, rounding=rounding)
-    fit = choose(data, corners, say)
+    if seen is not None and seen.kind == "beating":
+        fit = fit_terms(data, [*core(corners), QUANTISATION])
+    else:
+        fit = choose(data, corners, say)
     if seen is not None and rounding > 0 and _is_carried(fit, seen.lsb * dt):
         seen, data = replace(seen, kind="carried"), plain
         fit = choose(data, corners, say, fit)
     say("goodness of fit")
-    fit = judged(rest, data, fit)
+    found = judged(rest, data, fit)
+    if seen is not None and seen.hides_noise:  # a Gaussian spectrum is no model of such counts
+        fit = replace(found, estimates=fit.estimates, goodness=None)
+    else:
+        fit = found
     courses = tuple(course for _, own in settled for course in own)
     ramp = next((c for c in courses if c.kind == "ramp"), None)
     fit = replace(fit, courses=courses, counts=seen)
@@ -61,7 +71,11 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     """The fit with what counts coarser than the noise leave of it: N by their own likelihood, or
     withheld where the noise is not white, and what is slow with intervals as wide as a slow change
     may be seen too large or too small."""
-    if seen.kind not in ("coarse", "memory"):
+    if seen.kind == "beating":
+        told = {name: _withheld(e) for name, e in fit.estimates.items()}
+        size = seen.lsb * dt / np.sqrt(12)
+        return replace(fit, estimates=told | {"Q": Estimate(size, size, size, size)})
+    if not seen.hides_noise:
         return fit
     coefficients = {shape.names[0] for shape in fit.shapes} - {"N", "Q"}
     estimates = {
@@ -75,9 +89,19 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
         # What the log does not show but may have (a filter too fast for it) it has here, too.
         e, value = fit.estimates["N"], seen.sigma * scale
         room = 1.0 if e.is_limit or e.is_lower_limit else e.high / e.value
-        high, upper = (max(end * scale, value * room) for end in (seen.high, seen.upper))
-        estimates["N"] = Estimate(value, seen.low * scale, float(high), float(upper))
+        low, high, upper = (_blunted(end, seen.sigma) for end in (seen.low, seen.high, seen.upper))
+        high, upper = (max(end * scale, value * room) for end in (high, upper))
+        estimates["N"] = Estimate(value, low * scale, float(high), float(upper))
     return replace(fit, estimates=estimates, ramp=_blurred(fit.ramp, seen.blur))
+
+
+def _blunted(end: float, sigma: float) -> float:
+    """An end of an interval of sigma, as far away as if sigma were unsure by another 2%: noise that
+    counts' likelihood takes for white has a share of flicker."""
+    if end == 0 or end == sigma:
+        return end
+    off = np.log(end / sigma)
+    return float(sigma * np.exp(np.sign(off) * np.hypot(off, 1.96 * _FLICKER)))
 
 
 def _blurred(e: Estimate, blur: float) -> Estimate:
