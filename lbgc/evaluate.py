@@ -23,7 +23,7 @@ from lbgc.errors import InputError, build, require, require_choice, require_posi
 from lbgc.estimators import CLASSICAL, coarse, static
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.information import LIFETIMES, known
-from lbgc.outcome import document_of, outcome_of
+from lbgc.outcome import document_of, doubts, outcome_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
@@ -123,6 +123,7 @@ def main(config: EvaluateConfig) -> Path:
     with one_thread():
         result, evaluation = _evaluate(config, estimators, subject, records, count, said)
     notes = [f"{m.name} answers all the same: {why}" for m in models for why in m.overridden]
+    notes += doubts(result) if config.log is not None else []
     result = replace(
         result, learned=tuple(model.name for model in models), notes=[*result.notes, *notes]
     )

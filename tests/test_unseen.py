@@ -217,6 +217,19 @@ def test_evaluate_says_the_verdict_before_its_table(cli, tmp_path, told):
         assert ">= 10" in done.out  # a sigma that nobody told anything
 
 
+@pytest.mark.parametrize(("off_deg", "says"), [(0.0, False), (90.0, True)])
+def test_a_heading_that_the_log_contradicts_is_named(cli, tmp_path, off_deg, says):
+    """Four minutes of a sensor that is told to half a degree."""
+    log = recording([0.0, 0.0, 0.0], seconds=240.0, arw=0.01)
+    write(tmp_path / "mine.csv", np.column_stack([np.rad2deg(log.gyro), log.accel]))
+    heading = np.rad2deg(log.heading_reference) + off_deg
+    done = cli("lbgc.evaluate", "log=csv", "log.path=mine.csv", "log.latitude=32.76",
+               "log.rate_hz=4", "log.gyro_unit=deg/s", "windows_s=[60,240]", "imu=kvh1775",
+               f"log.heading_deg={heading:.3f}", "estimators=[mean,gls]")  # fmt: skip
+    assert done.code == 0, done.err
+    assert ("of its sigmas off the told heading at 240 s" in done.out) == says
+
+
 def test_a_limit_that_the_user_knows_is_believed(cli, tmp_path):
     """3,000 deg/h: within it every bias is as probable, and the sigma of `mean` is chance."""
     log = recording([2.0, -1.0, 1.0], seconds=120.0)
