@@ -16,15 +16,16 @@ _FAR_OFF = 16.0
 
 def doubts(result: Result) -> list[str]:
     """Why a log whose headings were told may be another than it is said to be."""
-    own = [(w, row) for (name, w), row in result.rows.items() if name == "gls"]
+    own = [(name, w) for name, w in result.rows if name in ("gls", "mean")]
     if not own:
         return []
-    window, row = max(own, key=lambda each: each[0])
+    name, window = max(own, key=lambda each: (each[0] == "gls", each[1]))
+    row = result.rows[name, window]
     nse = row.mean_normalised_squared_error
     if row.sigma_is_at_least or nse is None or nse < _FAR_OFF:
         return []
     return [
-        f"gls is {np.sqrt(nse):.2g} of its sigmas off the told heading at {window:g} s: is "
+        f"{name} is {np.sqrt(nse):.2g} of its sigmas off the told heading at {window:g} s: is "
         "log.heading_deg (clockwise from true north) the forward axis's, is an axis mirrored "
         "(log.axes), are the sensor's biases larger than imu= says, or does the base move?"
     ]
