@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import yaml
 
+from lbgc.data.static import PARTS, Static
 from lbgc.report.fitted import spelled
+from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.report.remarks import remarks
 from lbgc.sensor import counts, fitting, gaussian, resting
 from lbgc.sensor.noise import Flicker, Sinusoid, White
@@ -90,7 +93,14 @@ def test_carried_counts_that_noise_does_not_shake_tell_no_noise(rng):
     assert fit.goodness is None
     assert all(e.is_withheld for name, e in fit.estimates.items() if name != "Q")
     assert fit.estimates["Q"].value == pytest.approx(LSB * DT / np.sqrt(12))
+    assert fit.tones == ()
     assert any("beat with the mean rate" in said for said in remarks(fit, 0))
+    still = np.zeros((1, 100, 3))
+    static = Static("log", still, still, DT, 0.5, None, None)
+    imu = yaml.safe_load(sensor_yaml("mine", static, dict.fromkeys(PARTS, [fit] * 3)))
+    size = np.rad2deg(LSB * DT / np.sqrt(12)) * 3600
+    assert imu["gyro"]["quantisation_arcsec"] == pytest.approx([size] * 3, rel=1e-5)
+    assert "rate_lsb_deg_per_s" not in imu["gyro"]  # its rounding is the quantisation
     assert counts.judged(rounded(0.3, rng)).kind == "coarse"
 
 

@@ -81,7 +81,7 @@ def _counts(fits: list[Fit], which: int) -> list[str]:
     """The triad's count where its axes have one between them. Counts whose rest is carried over are
     fitted as quantisation."""
     kinds = {None if f.counts is None else f.counts.kind for f in fits}
-    if None in kinds or "carried" in kinds:
+    if kinds & {None, "carried", "beating"}:
         return []
     sizes = [f.counts.lsb for f in fits if f.counts is not None]
     if max(sizes) > 1.01 * min(sizes):

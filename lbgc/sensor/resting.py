@@ -74,7 +74,7 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     if seen.kind == "beating":
         told = {name: _withheld(e) for name, e in fit.estimates.items()}
         size = seen.lsb * dt / np.sqrt(12)
-        return replace(fit, estimates=told | {"Q": Estimate(size, size, size, size)})
+        return replace(fit, estimates=told | {"Q": Estimate(size, size, size, size)}, tones=())
     if not seen.hides_noise:
         return fit
     coefficients = {shape.names[0] for shape in fit.shapes} - {"N", "Q"}
