@@ -10,6 +10,7 @@ from lbgc.sensor import counts, warmup
 from lbgc.sensor.counts import Counts
 from lbgc.sensor.fitting import Fit, choose, judged
 from lbgc.sensor.fitting import fit as fit_terms
+from lbgc.sensor.noise import AngleQuantisation
 from lbgc.sensor.ordinates import pooled
 from lbgc.sensor.profile import Estimate
 from lbgc.sensor.shapes import QUANTISATION, core
@@ -72,9 +73,7 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     withheld where the noise is not white, and what is slow with intervals as wide as a slow change
     may be seen too large or too small."""
     if seen.kind == "beating":
-        told = {name: _withheld(e) for name, e in fit.estimates.items()}
-        size = seen.lsb * dt / np.sqrt(12)
-        return replace(fit, estimates=told | {"Q": Estimate(size, size, size, size)}, tones=())
+        return _of_beats(fit, seen.lsb, dt)
     if not seen.hides_noise:
         return fit
     coefficients = {shape.names[0] for shape in fit.shapes} - {"N", "Q"}
@@ -93,6 +92,17 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
         high, upper = (max(end * scale, value * room) for end in (high, upper))
         estimates["N"] = Estimate(value, low * scale, float(high), float(upper))
     return replace(fit, estimates=estimates, ramp=_blurred(fit.ramp, seen.blur))
+
+
+def _of_beats(fit: Fit, lsb: float, dt: float) -> Fit:
+    """What is known of an axis whose counts beat: their quantisation, and nothing else."""
+    quantisation = AngleQuantisation(lsb * dt / np.sqrt(12))
+    told = {name: Estimate(0.0, 0.0, np.inf, np.inf) for name in fit.estimates}
+    told["Q"] = Estimate(*[quantisation.Q] * 4)
+    spectrum = fit.spectrum
+    if spectrum is not None:
+        spectrum = replace(spectrum, model=quantisation.psd(spectrum.f, dt))
+    return replace(fit, estimates=told, spectrum=spectrum, tones=())
 
 
 def _blunted(end: float, sigma: float) -> float:
