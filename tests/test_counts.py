@@ -94,6 +94,7 @@ def test_carried_counts_that_noise_does_not_shake_tell_no_noise(rng):
     assert all(e.is_withheld for name, e in fit.estimates.items() if name != "Q")
     assert fit.estimates["Q"].value == pytest.approx(LSB * DT / np.sqrt(12))
     assert fit.tones == ()
+    assert not any(fit.short_corners.values())  # no vote for the other axes' corner
     assert any("beat with the mean rate" in said for said in remarks(fit, 0))
     still = np.zeros((1, 100, 3))
     static = Static("log", still, still, DT, 0.5, None, None)
@@ -102,6 +103,8 @@ def test_carried_counts_that_noise_does_not_shake_tell_no_noise(rng):
     assert imu["gyro"]["quantisation_arcsec"] == pytest.approx([size] * 3, rel=1e-5)
     assert "rate_lsb_deg_per_s" not in imu["gyro"]  # its rounding is the quantisation
     assert counts.judged(rounded(0.3, rng)).kind == "coarse"
+    two_minutes_at_1_hz = np.diff(np.round(np.cumsum(0.37 + 0.02 * rng.standard_normal(121)))) * LSB
+    assert counts.judged(two_minutes_at_1_hz).hides_noise
 
 
 @pytest.mark.parametrize("sigma", [0.3, 0.5, 1.0])

@@ -216,7 +216,8 @@ def _of_peak(
 
 
 def _of_peaks(terms: np.ndarray, answer: float | None) -> tuple[complex, float]:
-    """The same of one posterior, (4,), whose peaks are narrow but two, or flat."""
+    """E[exp(i psi)] and the root mean square angle about the answer, of one posterior, (4,), whose
+    peaks are narrow but two, or flat."""
     psi, log_p, width = [], [], []
     nodes, node_weights = np.polynomial.legendre.leggauss(200)
     maxima = _maxima(terms)

@@ -36,7 +36,7 @@ _FIVE_SIGMA = 2.9e-7
 _MOST_SAMPLES = 200_000  # that are looked at one by one: for tones, and with them
 _QUIETEST = 0.04  # counts: less noise than this nothing tells
 _PHASE = 0.2  # counts of noise a sample that shake the phase of counts carried over
-_PHASES = 64  # samples over which it is looked at
+_PHASES = 64  # samples over which it is looked at, at most
 _STRETCH = 4.0  # counts^2 of change in the stretches whose sums tell counts carried over
 _STRETCHES = 16  # that it takes to tell
 _BY_CHANCE = 1e-5
@@ -137,8 +137,7 @@ def _undone(rest: np.ndarray) -> bool | None:
     number = len(rest) // length
     if number < _STRETCHES:
         return None
-    sums = rest[: number * length].reshape(number, length).sum(axis=1)
-    ratio = float(np.mean(np.diff(sums) ** 2)) / (2 * length * variance)
+    ratio = _of_sums(rest, length) / (length * variance)
     freedom = (number - 1) * 2 / 3  # of differences between neighbours
     chance = float(scipy.special.gammainc(freedom / 2, ratio * freedom / 2))
     return ratio < 0.3 and chance < _BY_CHANCE
@@ -148,10 +147,16 @@ def _is_shaken(rest: np.ndarray) -> bool:
     """Whether noise moves the phase of counts carried over enough that they do not beat: by 0.2
     counts a sample a beat is gone in two. Sums over stretches differ by the noise between them and
     by three roundings, one of them twice: var/2 = n sigma^2 + 6/24."""
-    number = len(rest) // _PHASES
-    sums = rest[: number * _PHASES].reshape(number, _PHASES).sum(axis=1)
-    noise = float(np.mean(np.diff(sums) ** 2)) / 2 - 0.25
-    return noise > _PHASES * _PHASE**2
+    length = max(1, min(_PHASES, len(rest) // _STRETCHES))
+    noise = _of_sums(rest, length) - 0.25
+    return noise > length * _PHASE**2
+
+
+def _of_sums(rest: np.ndarray, length: int) -> float:
+    """Variance of sums over so many samples, by their differences: what is slow is left out."""
+    number = len(rest) // length
+    sums = rest[: number * length].reshape(number, length).sum(axis=1)
+    return float(np.mean(np.diff(sums) ** 2)) / 2
 
 
 def _cosines(n: int, count: int) -> np.ndarray:

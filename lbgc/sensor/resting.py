@@ -44,9 +44,9 @@ def fitted(
     say("goodness of fit")
     found = judged(rest, data, fit)
     if seen is not None and seen.hides_noise:  # a Gaussian spectrum is no model of such counts
-        fit = replace(found, estimates=fit.estimates, goodness=None)
-    else:
-        fit = found
+        no_vote = dict.fromkeys(found.short_corners, 0.0)
+        found = replace(found, estimates=fit.estimates, goodness=None, short_corners=no_vote)
+    fit = found
     courses = tuple(course for _, own in settled for course in own)
     ramp = next((c for c in courses if c.kind == "ramp"), None)
     fit = replace(fit, courses=courses, counts=seen)

@@ -58,7 +58,7 @@ def search(
         together = course.all_peaks(begin)
         if together.lines:
             other = course.shaken(course.grown(together))
-            best = course.sorted([best, other])[0]
+            best = course.ranked([best, other])[0]
     return replace(best, is_cut_short=course.left <= 0)
 
 
@@ -75,10 +75,10 @@ class _Search:
         if self.left <= 0:
             return []
         self.left -= len(options)
-        rough = self.sorted(try_out(self.data, *option, steps=_GLANCE) for option in options)
+        rough = self.ranked(try_out(self.data, *option, steps=_GLANCE) for option in options)
         if len(options) > _PROMISING:
             rough = rough[:_PROMISING]
-            rough = self.sorted(try_out(self.data, t.shapes, t.values, _ROUGH) for t in rough)
+            rough = self.ranked(try_out(self.data, t.shapes, t.values, _ROUGH) for t in rough)
         fine: list[Trial] = []
         for trial in rough:
             fitted = try_out(self.data, trial.shapes, trial.values)
@@ -86,9 +86,9 @@ class _Search:
                 fine.append(fitted)
             if len(fine) == _FINE:
                 break
-        return self.sorted(fine)
+        return self.ranked(fine)
 
-    def sorted(self, trials: Iterable[Trial]) -> list[Trial]:
+    def ranked(self, trials: Iterable[Trial]) -> list[Trial]:
         """Sensible ones first, by their cost: a line that was made wide explains much, too."""
         finite = [t for t in trials if np.isfinite(t.cost)]
         return sorted(finite, key=lambda t: (not is_sensible(t, self.data), t.cost))
