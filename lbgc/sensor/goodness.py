@@ -105,7 +105,7 @@ def judge(
     spectrum = _together(each[0], each[1])
     frequency = _together(each[0], each[1], each[2])
     p_time, unsteady, uneven = _steadiness(series, data, v)
-    p_all = 1 - (1 - min(frequency[0], p_time)) ** 2
+    p_all = _of_the_least(min(float(frequency[0]), p_time), 2)
     bands = _bands(observed[0], data, edges)
     level = _LEVELS.index(16)
     start = sum(_LEVELS[:level])
@@ -117,7 +117,7 @@ def judge(
     widening = np.where(fast & (p_time < FAILS), np.maximum(widening, uneven), widening)
     wide = dict(zip(likelihood.names, widening, strict=True))
     return Goodness(
-        float(p_all),
+        p_all,
         float(spectrum[0]),
         float(each[2][0]),
         float(p_time),
@@ -198,6 +198,12 @@ def _together(*each: np.ndarray) -> np.ndarray:
     return _p(least[:1], least[1:])
 
 
+def _of_the_least(p: float, tests: int) -> float:
+    """Chance that the least p of so many independent tests is as low: exact where p is tiny, and
+    never zero."""
+    return float(-np.expm1(tests * np.log1p(-np.clip(p, np.finfo(float).tiny, 1 - 1e-16))))
+
+
 def _bands(powers: np.ndarray, data: Ordinates, edges: list[np.ndarray]) -> list[Band]:
     scores = _scores(powers[None], data.count, edges)[0]
     f, half = data.grid.f, data.grid.width / 2
@@ -241,7 +247,7 @@ def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[flo
     sigmas = float(scipy.stats.norm.isf(max(each[at], 1e-300)))
     where = Band(edges[at + 1] / (2 * n * dt), edges[at] / (2 * n * dt), ratio, sigmas)
     scatter = float(np.std(flat[0]) / flat[0].mean() / np.sqrt(2 / freedom[0]))
-    return float(1 - (1 - min(each)) ** len(each)), where, scatter
+    return _of_the_least(min(each), len(each)), where, scatter
 
 
 def bartlett(energy: np.ndarray, freedom: float) -> float:
