@@ -196,6 +196,7 @@ def _generate(config: GenerateConfig, place: Place, sensor: Sensor) -> None:
         require(not place.in_memory, "out", place, "is this process's alone: use cluster=serial")
         for shard in cluster.finished(config.cluster, partial(make_shard, config, where), shards):
             bar.update(len(dataset.layout.rows(shard)))
+    store.remove_strays(place)  # of workers that were lost
 
 
 def make_shard(config: GenerateConfig, path: str, shard: int) -> None:

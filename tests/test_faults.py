@@ -364,6 +364,21 @@ def test_a_lost_workers_shard_is_done_again_but_not_for_ever(tmp_path):
         list(finished(local, hopeless, range(2)))
 
 
+def test_what_a_lost_worker_had_begun_to_write_is_taken_away(cli, tmp_path, monkeypatch, digest):
+    """The worker dies in a write, another does its shard again: the half-written file is nobody's,
+    and the dataset is whole."""
+
+    def made_here(_, task, shards):
+        for shard in shards:
+            task(shard)
+            (tmp_path / f"d.zarr/gyro/c/{shard}/.0.partial-1").write_bytes(b"half")
+            yield shard
+
+    monkeypatch.setattr("sim.generate.cluster.finished", made_here)
+    assert cli("sim.generate", *SIZE, "cluster=local").code == 0
+    assert Dataset.open_finished(tmp_path / "d.zarr").digest() == digest
+
+
 def test_a_cluster_says_what_it_needs(cli, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     asked = ("cluster=dask", "cluster.address=tcp://localhost:1")

@@ -46,8 +46,7 @@ def create(path: str | Path, layout: Layout, configuration: Mapping, recipe: Map
     what = "holds a dataset of another configuration; choose another path"
     require(manifest.owner(place) in (None, identity), "out", path, what)
     with writing(place):
-        for name in manifest.strays(place):
-            place.remove(name)
+        remove_strays(place)
         damaged = manifest.damaged_documents(place, DOCUMENTS)
         if damaged:
             attributes = {
@@ -66,6 +65,12 @@ def create(path: str | Path, layout: Layout, configuration: Mapping, recipe: Map
             found = {name: place.read(name) or b"" for name in DOCUMENTS}
             place.write(manifest.MANIFEST, manifest.compose(identity, found))
     return Dataset.open(path)
+
+
+def remove_strays(place: Place) -> None:
+    """Take away what a run (or a worker of it) that was killed has left half-written."""
+    for name in manifest.strays(place):
+        place.remove(name)
 
 
 def find(path: str | Path) -> Place:
