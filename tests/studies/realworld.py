@@ -3,8 +3,9 @@
     make study-realworld
     PYTHONPATH=tests:tests/studies .venv/bin/python tests/studies/realworld.py cases floor
 
-The second runs only the parts named (realworld.yaml lists them all) and keeps the other parts'
-figures of an earlier run in summary.json.
+It takes an hour and a half on two cores, half of it `clean` and `spoiled`. The second runs only the
+parts named (realworld.yaml lists them all) and keeps the other parts' figures of an earlier run in
+summary.json.
 """
 
 import json
