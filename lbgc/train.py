@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from lbgc.data.record import whole_multiple
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, joined, stack
+from lbgc.data.windows import Labelled, stack
 from lbgc.earth import heading_exists
 from lbgc.errors import (
     InputError,
@@ -181,7 +181,7 @@ def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
     first = datasets[0].configuration
     imu = build(ImuConfig, first["imu"]).model(float(first["rate_hz"]))
     sensed = Sensed(config.model, 1 / config.mean_s, imu)
-    plan = config.plan(train.duration_s, _reference_error_deg(datasets))
+    plan = config.plan(train.windows.duration_s, _reference_error_deg(datasets))
     source: Examples
     if config.model.sways:
         source = Prepared.of(sensed, train, plan.windows_steps.values())
@@ -211,9 +211,9 @@ def _is_whole(run: Path) -> bool:
     return True
 
 
-def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Windows:
+def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Labelled:
     """A split's whole recordings at the model's rate; every sample, where the model takes them."""
-    parts: list[Windows] = []
+    parts: list[Labelled] = []
     for path, dataset in zip(config.paths, datasets, strict=True):
         indices = dataset.in_split(split)
         require(len(indices) > 0, "data", path, f"has no recordings in its {split} split")
@@ -221,19 +221,18 @@ def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Windo
             dataset.records(indices), f"reading {split}", len(indices), leave=False, unit="rec"
         )
         rate = dataset.rate_hz if config.model.sways else 1 / config.mean_s
-        windows = stack(records, rate)
-        first = parts[0] if parts else windows
-        alike = (windows.rate_hz, windows.duration_s) == (first.rate_hz, first.duration_s)
+        parts.append(stack(records, rate))
+        own, first = parts[-1].windows, parts[0].windows
+        alike = (own.rate_hz, own.duration_s) == (first.rate_hz, first.duration_s)
         require(alike, "data", path, "differs from the first one in rate or duration")
-        parts.append(windows)
-    windows = joined(parts)
+    recordings = Labelled.joined(parts)
     require(
-        bool(heading_exists(windows.latitude).all()),
+        bool(heading_exists(recordings.windows.latitude).all()),
         "data",
         config.data,
         "was generated at a pole, where heading does not exist: there is nothing to learn",
     )
-    return windows
+    return recordings
 
 
 def _units(datasets: Sequence[Dataset]) -> np.ndarray:

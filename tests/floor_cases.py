@@ -10,7 +10,7 @@ import numpy as np
 from helpers import composed
 
 from lbgc.bound import BoundConfig, floor
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
@@ -76,7 +76,7 @@ def cases() -> dict[str, Case]:
     return {case.name: case for case in every}
 
 
-def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Windows:
+def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Labelled:
     """So many recordings of a case, as means."""
     rng = np.random.default_rng(seed)
     h, n = case.interval_s, round(case.duration_s / case.interval_s)
@@ -99,17 +99,15 @@ def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Windows:
     force[:, 1] += ARM_M * mean(change)
     felt = replace(imu.warming, force=force)
     late = 0.5 * imu.dt * mean(rate)  # an encoder is read at a sample's end
-    where, none = np.full(count, LATITUDE), np.zeros(count)
-    return Windows(
-        _measured(imu, imu.gyro, rng, omega, h, felt),
-        _measured(imu, imu.accel, rng, force, h, imu.warming),
-        np.tile(mean(angle) + late, (count, 1)),
-        1 / h,
-        where,
-        psi,
-        psi,
-        none,
+    windows = Windows(
+        gyro=_measured(imu, imu.gyro, rng, omega, h, felt),
+        accel=_measured(imu, imu.accel, rng, force, h, imu.warming),
+        plate_angle=np.tile(mean(angle) + late, (count, 1)),
+        rate_hz=1 / h,
+        latitude=np.full(count, LATITUDE),
+        start_s=np.zeros(count),
     )
+    return Labelled(windows=windows, heading=psi, heading_reference=psi)
 
 
 def _measured(
@@ -149,16 +147,16 @@ class Score:
 def run(case: Case, recordings: int, seed: int, names: tuple[str, ...] = ()) -> dict[str, Score]:
     """Every estimator (or those named) that can answer the case, the floor among them."""
     imu = case.model()
-    windows = draw(case, imu, recordings, seed)
+    drawn = draw(case, imu, recordings, seed)
     found: dict[str, Estimate] = {}
     for name, estimate in EVERY.items():
         if names and name not in (*names, "floor"):
             continue
         try:
-            found[name] = estimate(windows, imu)
+            found[name] = estimate(drawn.windows, imu)
         except InputError:
             continue
-    return _scored(found, windows.heading)
+    return _scored(found, drawn.heading)
 
 
 def _scored(found: Mapping[str, Estimate], heading: np.ndarray) -> dict[str, Score]:

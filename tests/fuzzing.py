@@ -18,7 +18,7 @@ import google_crc32c
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
-from helpers import composed
+from helpers import composed, labelled
 from omegaconf import OmegaConf
 from safetensors.torch import save
 
@@ -31,7 +31,7 @@ from lbgc.data.place import Place
 from lbgc.data.record import mock_record
 from lbgc.data.schema import VARIABLES
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, cut
+from lbgc.data.windows import Labelled
 from lbgc.errors import CONF, InputError, build, reading
 from lbgc.evaluate import EvaluateConfig
 from lbgc.learning import description
@@ -246,15 +246,15 @@ _IMU = ImuConfig(name="tiny")
 
 
 @cache
-def _window() -> Windows:
+def _window() -> Labelled:
     noise = 1e-6 * np.random.default_rng(1).standard_normal((2, *MOCK.gyro.shape))
-    return cut(mock_record(gyro=MOCK.gyro + noise[0], accel=MOCK.accel + noise[1]), 25.0)
+    return labelled(mock_record(gyro=MOCK.gyro + noise[0], accel=MOCK.accel + noise[1]), 25.0)
 
 
 def tiny_trainer() -> Trainer:
     plan = Plan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1, 0, 0.0, 1)
     imu = _IMU.model(600.0)
-    sensed = Sensed(_MODEL, _window().rate_hz, imu)
+    sensed = Sensed(_MODEL, _window().windows.rate_hz, imu)
     source = Stored(_window(), np.zeros(len(_window()), int), AugmentConfig(), imu.gyro)
     return Trainer(plan, Drawn(source, sensed), sensed, _window(), _window())
 
@@ -286,7 +286,7 @@ def _model() -> Reader:
     }  # fmt: skip
 
     def read(home: Path) -> object:
-        return Learned.load(home)(_window()).heading.tolist()
+        return Learned.load(home)(_window().windows).heading.tolist()
 
     def reseal(home: Path) -> None:
         file = home / description.DESCRIPTION
@@ -478,7 +478,7 @@ def onnx_reader(content: bytes) -> Reader:
     from lbgc.learning import onnx
 
     def read(home: Path) -> object:
-        return onnx.load(home / "model.onnx")(_window()).heading.tolist()
+        return onnx.load(home / "model.onnx")(_window().windows).heading.tolist()
 
     return Reader({"model.onnx": content}, read, _possible_headings, exact=True)
 

@@ -1,4 +1,5 @@
-"""What several test files call: configurations as entry points compose them, and small datasets."""
+"""What several test files call: configurations as entry points compose them, small datasets, and
+windows of records whose headings are known."""
 
 import os
 import subprocess
@@ -7,12 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
+import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import sim.generate
+from lbgc.data.record import Record
 from lbgc.data.store import Dataset
+from lbgc.data.windows import Labelled, cut
 from lbgc.errors import CONF, build
 from sim.generate import GenerateConfig
 
@@ -45,6 +49,16 @@ def generate(path: Path, **changes: object) -> Dataset:
     config = replace(default_config(), out=str(path), **changes)
     with patch.object(sim.generate, "try_picture", lambda *_: "not in tests"):
         return Dataset.open_finished(sim.generate.main(config))
+
+
+def labelled(record: Record, window_s: float) -> Labelled:
+    """A record's windows, and what it knows of where they looked."""
+    windows = cut(record, window_s)
+    return Labelled(
+        windows=windows,
+        heading=np.full(len(windows), record.heading, float),  # None: NaN
+        heading_reference=np.full(len(windows), record.heading_reference, float),
+    )
 
 
 def ran_small(script: Path, where: Path) -> subprocess.CompletedProcess:

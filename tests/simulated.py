@@ -4,7 +4,7 @@ covariance."""
 
 import numpy as np
 
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.frames import euler_to_matrix, rotation_z
 from lbgc.protocol import ProtocolConfig, plan
@@ -31,7 +31,7 @@ def windows(
     interval: float = 1.0,
     tilt_deg: tuple[float, float] = (0.0, 0.0),
     heading: np.ndarray | None = None,
-) -> Windows:
+) -> Labelled:
     """Each of its own unit, session and run. The plate's angle is that at blocks' middles."""
     rng = np.random.default_rng(seed)
     n, fine = round(duration_s / interval), 20
@@ -57,18 +57,14 @@ def windows(
         measured.append(rows)
     angles = np.tile(angle.reshape(n, fine).mean(axis=1), (count, 1))
     late = 0.5 * imu.dt * turning  # an encoder is read at a sample's end
-    return Windows(
-        *measured,
-        angles + late,
-        1 / interval,
-        np.full(count, latitude),
-        psi,
-        psi,
-        np.zeros(count),
-    )
+    gyro, accel = measured
+    sensed = {"gyro": gyro, "accel": accel, "plate_angle": angles + late, "rate_hz": 1 / interval}
+    return _labelled(psi, latitude, **sensed)
 
 
-def swaying(count, duration_s, rate_hz, latitude_deg, tilt_deg, velocity, seed=0, turn=0.0):
+def swaying(
+    count, duration_s, rate_hz, latitude_deg, tilt_deg, velocity, seed=0, turn=0.0
+) -> Labelled:
     """A body of fixed attitude (or turning about its z axis) whose site moves at `velocity`,
     (count, n + 1, 3) in n."""
     rng = np.random.default_rng(seed)
@@ -82,5 +78,10 @@ def swaying(count, duration_s, rate_hz, latitude_deg, tilt_deg, velocity, seed=0
     force = np.diff(velocity, axis=1) * rate_hz - [0.0, 0.0, normal_gravity(latitude)]
     felt = np.einsum("wnij,wni->wnj", c_nb, force)
     plate = np.tile(turn * (np.arange(n) + 1.0) / rate_hz, (count, 1))
-    where = np.full(count, latitude)
-    return Windows(omega, felt, plate, rate_hz, where, psi, psi, np.zeros(count))
+    return _labelled(psi, latitude, gyro=omega, accel=felt, plate_angle=plate, rate_hz=rate_hz)
+
+
+def _labelled(heading, latitude, **sensed) -> Labelled:
+    where, start_s = np.full(len(heading), latitude), np.zeros(len(heading))
+    windows = Windows(**sensed, latitude=where, start_s=start_s)
+    return Labelled(windows=windows, heading=heading, heading_reference=heading)

@@ -38,7 +38,7 @@ def test_it_answers_as_pytorch_does(small, monkeypatch, model):
     options += tuple(f"model={model}".split())
     run = lbgc.train.main(composed(TrainConfig, "train", *options, "windows_s=[10]"))
     file = lbgc.export.main(ExportConfig(run=str(run)))
-    windows = stack(data.records(np.arange(20)), 0.2)
+    windows = stack(data.records(np.arange(20)), 0.2).windows
     ours, theirs = Learned.load(run)(windows), onnx.load(file)(windows)
     np.testing.assert_allclose(theirs.heading, ours.heading, atol=1e-5)
     np.testing.assert_allclose(theirs.sigma, ours.sigma, atol=1e-5)

@@ -15,7 +15,7 @@ from lbgc.bound import (
     floor,
     white_crlb,
 )
-from lbgc.data.windows import Windows
+from lbgc.data.windows import joined
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
@@ -82,7 +82,7 @@ def test_without_errors_the_heading_is_exact(protocol, name, latitude):
     headings = np.deg2rad(np.arange(-170.0, 190.0, 30.0))
     w = windows(IDEAL, protocol, latitude, 120.0, len(headings), 0, tilt_deg=(3.0, -4.0),
                 heading=headings)  # fmt: skip
-    found = CLASSICAL[name](w, SDC500)
+    found = CLASSICAL[name](w.windows, SDC500)
     # a leaning carousel's axes turn by 6 degrees within a block, which its means know to 1e-3; a
     # slew's by 30, and its sigma says so
     turns = protocol == "carousel" or (protocol == "four_position" and name != "cosine_fit")
@@ -94,7 +94,7 @@ def test_without_errors_the_heading_is_exact(protocol, name, latitude):
 def test_a_stated_sigma_is_true(drawn, protocol, name):
     """Mean of (error/sigma)^2 over 400: its own spread is sqrt(2/400) = 0.07; four of them."""
     w = drawn[protocol]
-    found = CLASSICAL[name](w, SDC500)
+    found = CLASSICAL[name](w.windows, SDC500)
     nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
     assert nse == pytest.approx(1.0, abs=0.3)
 
@@ -105,7 +105,7 @@ def test_how_far_from_the_floor(drawn, protocol, name):
     ratio that is paired, so small where the two nearly agree."""
     w = drawn[protocol]
     rmse = [
-        np.sqrt(np.mean(wrap(estimate(w, SDC500).heading - w.heading) ** 2))
+        np.sqrt(np.mean(wrap(estimate(w.windows, SDC500).heading - w.heading) ** 2))
         for estimate in (CLASSICAL[name], floor)
     ]
     most = 1.02 if name.endswith("weighted") or name == "gls" else 1.05
@@ -117,7 +117,7 @@ def test_turning_the_plate_beats_resting(drawn):
 
     def rmse(name, protocol):
         w = drawn[protocol]
-        errors = wrap(CLASSICAL[name](w, SDC500).heading - w.heading)
+        errors = wrap(CLASSICAL[name](w.windows, SDC500).heading - w.heading)
         return np.rad2deg(np.sqrt(np.mean(errors**2)))
 
     assert rmse("mean", "static") == pytest.approx(4.7, rel=4 / np.sqrt(2 * COUNT))
@@ -132,9 +132,9 @@ def test_white_noise_reaches_the_closed_form():
     quiet = replace(SDC500.accel, N=(1e-9,) * 3, **none)
     imu = replace(SDC500, gyro=replace(SDC500.gyro, **none), accel=quiet)
     w = windows(imu, "static", 32.76, 60.0, 2000, seed=2, interval=5.0)
-    closed = white_crlb(imu.gyro.N[0], w.latitude[0], 60.0)
+    closed = white_crlb(imu.gyro.N[0], w.windows.latitude[0], 60.0)
     for name in ("mean", "gls"):
-        variance = np.mean(wrap(CLASSICAL[name](w, imu).heading - w.heading) ** 2)
+        variance = np.mean(wrap(CLASSICAL[name](w.windows, imu).heading - w.heading) ** 2)
         assert variance / closed**2 == pytest.approx(1.0, abs=4 * np.sqrt(2 / 2000))
     found = information(imu, course_of(PROTOCOLS["static"], 60.0), site(32.76))
     assert crlb(found) == pytest.approx(closed, rel=1e-3)
@@ -149,7 +149,7 @@ def test_a_wide_sigma_is_true_too(bias_deg_per_h):
     bias = (np.deg2rad(bias_deg_per_h / 3600),) * 3
     imu = replace(SDC500, gyro=replace(SDC500.gyro, bias_run=bias))
     w = windows(imu, "static", 32.76, 120.0, COUNT, seed=9, interval=10.0)
-    found = CLASSICAL["gls"](w, imu)
+    found = CLASSICAL["gls"](w.windows, imu)
     nse = np.mean((wrap(found.heading - w.heading) / found.sigma) ** 2)
     assert nse == pytest.approx(1.0, abs=0.3)
 
@@ -170,7 +170,7 @@ def test_the_floors_estimator_against_brute_force(lean):
     over the heading and over both errors of the level, on a grid, with the covariance inverted
     whole; attitudes are composed as matrices."""
     w = windows(SDC500, "two_position", 50.0, 30.0, 2, seed=3, interval=1.25, tilt_deg=lean)
-    (part,) = levelled(w, SDC500.dt)
+    (part,) = levelled(w.windows, SDC500.dt)
     assert part.course.slewing.sum() == 1
     here, course, n = site(50.0), part.course, len(part.course.blocks)
     base = euler_to_matrix(*np.deg2rad(lean), 0.0)
@@ -256,24 +256,24 @@ def test_a_later_window_of_a_random_walk_is_worse():
 )
 def test_what_an_estimator_cannot_answer_it_refuses(drawn, protocol, name, says):
     with pytest.raises(InputError, match=says):
-        CLASSICAL[name](drawn[protocol], SDC500)
+        CLASSICAL[name](drawn[protocol].windows, SDC500)
 
 
 def test_other_refusals(drawn):
-    w = drawn["static"]
+    w = drawn["static"].windows
     with pytest.raises(InputError, match="noise model"):
         CLASSICAL["gls"](w, None)
     with pytest.raises(InputError, match="without accelerometers"):
         CLASSICAL["gls"](replace(w, accel=0 * w.accel), SDC500)
     with pytest.raises(InputError, match="no north"):
         CLASSICAL["gls"](replace(w, latitude=0 * w.latitude + np.pi / 2), SDC500)
-    leaning = windows(IDEAL, "static", 40.0, 20.0, 2, 0, tilt_deg=(20.0, 0.0))
+    leaning = windows(IDEAL, "static", 40.0, 20.0, 2, 0, tilt_deg=(20.0, 0.0)).windows
     with pytest.raises(InputError, match="degrees of level"):
         CLASSICAL["gls"](leaning, SDC500)
 
 
 def test_triad_is_the_mean_by_another_way(drawn):
-    w = drawn["static"]
+    w = drawn["static"].windows
     both = [CLASSICAL[name](w, None).heading for name in ("mean", "triad")]
     np.testing.assert_allclose(wrap(both[0] - both[1]), 0.0, atol=1e-9)
 
@@ -305,7 +305,7 @@ def test_bad_bound_input_is_named(cli, options, says):
 def test_one_block_is_a_window_too():
     w = windows(IDEAL, "static", 40.0, 10.0, 3, 0, interval=10.0)
     for name in ("mean", "gls"):
-        found = CLASSICAL[name](w, SDC500)
+        found = CLASSICAL[name](w.windows, SDC500)
         np.testing.assert_allclose(wrap(found.heading - w.heading), 0.0, atol=1e-4)
         assert np.isfinite(found.sigma).all()
 
@@ -313,7 +313,7 @@ def test_one_block_is_a_window_too():
 @pytest.mark.parametrize("name", ["floor", "gls", "two_position_weighted"])
 def test_what_weighs_by_a_model_refuses_windows_that_contradict_it(drawn, name):
     """One that rocks among all the others, too."""
-    w = drawn["two_position" if name.startswith("two") else "static"]
+    w = drawn["two_position" if name.startswith("two") else "static"].windows
     estimate = {**CLASSICAL, "floor": floor}[name]
     estimate(w, SDC500)
     w.accel[3:4] += 0.05 * np.sin(np.arange(w.accel.shape[1]))[:, None]
@@ -330,14 +330,14 @@ def test_a_plain_estimators_sigma_has_the_motion_that_windows_show(drawn, protoc
     no more than white noise as large as the eighths' scatter makes. A window that fits the sensor's
     model keeps its sigma to the last digit."""
     name = {"static": "mean", "two_position": "two_position"}[protocol]
-    w = drawn[protocol]
+    w, heading = drawn[protocol].windows, drawn[protocol].heading
     gyro = w.gyro.copy()
     gyro[3, :, 0] += EARTH_RATE * np.sin(np.linspace(0, 10, gyro.shape[1]))
     found, moved = (CLASSICAL[name](own, SDC500) for own in (w, replace(w, gyro=gyro)))
     others = np.arange(len(w)) != 3
     np.testing.assert_array_equal(moved.sigma[others], found.sigma[others])
     assert moved.sigma[3] > 2 * found.sigma[3]
-    assert abs(wrap(moved.heading[3] - w.heading[3])) < 3 * moved.sigma[3]
+    assert abs(wrap(moved.heading[3] - heading[3])) < 3 * moved.sigma[3]
 
 
 @pytest.mark.parametrize("protocol", ["static", "two_position"])
@@ -346,19 +346,15 @@ def test_what_a_sensor_measures_fits_its_own_model(name, protocol):
     """From phone to navigation grade. The mean of N squares is known to sqrt(2/N), 2% here; five of
     them, and misalignment's share, which the model averages over headings."""
     imu = model(name)
-    (part,) = levelled(windows(imu, protocol, 32.76, 60.0, 60, seed=9))
+    (part,) = levelled(windows(imu, protocol, 32.76, 60.0, 60, seed=9).windows)
     left = np.mean(told(imu, part, check=True).misfit)
     assert left == pytest.approx(1.0, abs=0.1)
 
 
 def test_windows_of_several_latitudes_are_answered_each_for_its_own():
-    both = [windows(SDC500, "two_position", lat, 120.0, 3, seed=8) for lat in (32.76, -60.0)]
-    mixed = Windows(
-        *(np.concatenate([getattr(w, n) for w in both]) for n in ("gyro", "accel", "plate_angle")),
-        both[0].rate_hz,
-        *(np.concatenate([getattr(w, n) for w in both])
-          for n in ("latitude", "heading", "heading_reference", "start_s")),
-    )  # fmt: skip
+    both = [
+        windows(SDC500, "two_position", lat, 120.0, 3, seed=8).windows for lat in (32.76, -60.0)
+    ]
     for estimate in (CLASSICAL["two_position_weighted"], CLASSICAL["gls"]):
         alone = np.concatenate([estimate(w, SDC500).sigma for w in both])
-        np.testing.assert_allclose(estimate(mixed, SDC500).sigma, alone, rtol=1e-9)
+        np.testing.assert_allclose(estimate(joined(both), SDC500).sigma, alone, rtol=1e-9)

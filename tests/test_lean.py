@@ -6,10 +6,10 @@ from dataclasses import replace
 import floor_cases
 import numpy as np
 import pytest
-from helpers import composed, default_config, generate
+from helpers import composed, default_config, generate, labelled
 
 from lbgc.bound import BoundConfig, bounds, course_of, crlb, expected_floor, floor
-from lbgc.data.windows import Windows, at_rate, cut, joined
+from lbgc.data.windows import Labelled, Windows, at_rate
 from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.course import Course, Site, block_size, levelled
 from lbgc.estimators.optimal import fitted, information, told
@@ -63,10 +63,11 @@ def leaning():
 def test_a_lean_of_the_base_costs_next_to_nothing(leaning):
     """It took the floor from 2.8 degrees to 27.5 when it levelled the vertical gyro's bias into the
     horizontal rates."""
-    imu, windows = leaning
+    imu, drawn = leaning
+    windows = drawn.windows
     found = {name: CLASSICAL[name](windows, imu) for name in ("ekf", "two_position_weighted")}
     found["floor"] = floor(windows, imu)
-    error = {name: wrap(own.heading - windows.heading) for name, own in found.items()}
+    error = {name: wrap(own.heading - drawn.heading) for name, own in found.items()}
     level = expected_floor(information(imu, course_of(floor_cases.TWO, 240.0), SITE))
     for own in error.values():
         assert np.sqrt(np.mean(own**2)) < 1.05 * level * (1 + 3 / np.sqrt(2 * COUNT))
@@ -78,18 +79,18 @@ def test_a_plain_estimators_sigma_knows_the_lean(leaning):
     """It levels the vertical gyro's bias into the horizontal rates, 5 degrees' sine times 83 deg/h:
     half of Earth's horizontal rate. A posterior on the circle has the squared errors that it says,
     whose relative spread is 1.4 or less."""
-    imu, windows = leaning
-    found = CLASSICAL["two_position"](windows, imu)
-    squares = (wrap(found.heading - windows.heading) / found.sigma) ** 2
+    imu, drawn = leaning
+    found = CLASSICAL["two_position"](drawn.windows, imu)
+    squares = (wrap(found.heading - drawn.heading) / found.sigma) ** 2
     assert np.sqrt(np.mean(found.sigma**2)) > np.deg2rad(15.0)
     assert np.mean(squares) < 1.0 + 8 * np.sqrt(2 / COUNT)
 
 
 def test_each_window_is_answered_from_its_own_row(leaning):
     """However many others lean otherwise, and whether their slews fit or not."""
-    imu, windows = leaning
-    some = windows.rows(np.arange(5))
-    together, alone = floor(windows, imu), floor(some, imu)
+    imu, drawn = leaning
+    windows = drawn.windows
+    together, alone = floor(windows, imu), floor(windows.rows(np.arange(5)), imu)
     np.testing.assert_allclose(alone.heading, together.heading[:5], atol=1e-9)
     np.testing.assert_allclose(alone.sigma, together.sigma[:5], rtol=1e-9)
 
@@ -98,7 +99,7 @@ def test_a_slew_that_the_model_does_not_explain_is_left_out():
     """A plate whose axis jolts: a slew's mean rates are off by 100 times what misalignment does."""
     case = CASES["sdc500_eight_position_120s"]
     imu = case.model()
-    windows = floor_cases.draw(case, imu, 20, seed=4)
+    windows = floor_cases.draw(case, imu, 20, seed=4).windows
     (part,) = levelled(windows, imu.dt)
     slew = part.course.blocks[int(np.flatnonzero(part.course.slewing)[2])]
     windows.gyro[7, slew : slew + 3, 0] += np.deg2rad(3.0)
@@ -115,16 +116,16 @@ def test_rests_tell_of_north_where_the_plate_turns_for_most_of_the_window():
     errors is known to 3%, three of them."""
     case = floor_cases.Case("short", "sdc500", floor_cases.TWO, 10.0, 0.1)
     imu = case.model()
-    windows = floor_cases.draw(case, imu, 600, seed=9)
-    (part,) = levelled(windows, imu.dt)
+    drawn = floor_cases.draw(case, imu, 600, seed=9)
+    (part,) = levelled(drawn.windows, imu.dt)
     course = part.course
     assert course.resting.sum() > 25
     expected, of_slew = (
         expected_floor(information(imu, c, SITE)) for c in (course, course.only(~course.resting))
     )
     assert of_slew > 1.4 * expected
-    found = floor(windows, imu)
-    error = wrap(found.heading - windows.heading)
+    found = floor(drawn.windows, imu)
+    error = wrap(found.heading - drawn.heading)
     assert np.sqrt(np.mean(error**2)) == pytest.approx(expected, rel=0.09)
     assert np.mean((error / found.sigma) ** 2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 600))
 
@@ -139,14 +140,14 @@ def test_a_perfect_sensor_finds_north(protocol, lean_deg, tmp_path):
     config = default_config(*options)
     changes = {name: value for name, value in vars(config).items() if name != "out"}
     data = generate(tmp_path / "d.zarr", **changes)
-    windows = joined([cut(record, 240.0) for record in data.records(np.arange(2))])
+    made = Labelled.joined([labelled(record, 240.0) for record in data.records(np.arange(2))])
     imu = config.imu.model(config.rate_hz)
     own = {"static": "triad", "two_position": "two_position_weighted",
            "four_position": "cosine_fit_weighted", "carousel": "carousel_weighted"}  # fmt: skip
     for name in ("gls", "floor", "ekf", own[protocol]):
         estimate = floor if name == "floor" else CLASSICAL[name]
-        found = estimate(windows, imu)
-        off = np.rad2deg(np.abs(wrap(found.heading - windows.heading)))
+        found = estimate(made.windows, imu)
+        off = np.rad2deg(np.abs(wrap(found.heading - made.heading)))
         assert (off < (0.3 if name == "ekf" else 0.01)).all(), name  # its encoder has one sigma
 
 
@@ -172,7 +173,7 @@ def test_a_prime_number_of_means_is_as_good_as_one_less():
     """241 means were one block, and the floor said 101 degrees for 0.5."""
     case = replace(CASES["sdc500_two_position_0deg"], duration_s=241.0)
     imu = case.model()
-    windows = floor_cases.draw(case, imu, 100, seed=6)
+    windows = floor_cases.draw(case, imu, 100, seed=6).windows
     own, less = floor(windows, imu), floor(only(windows, 240), imu)
     assert np.rad2deg(np.sqrt(np.mean(own.sigma**2))) < 0.8
     np.testing.assert_allclose(own.sigma, less.sigma, rtol=0.03)
@@ -234,7 +235,7 @@ def test_coarser_means_of_the_same_windows_agree():
     """Means of one second and of half a second, slews told by either."""
     case = CASES["sdc500_eight_position_120s"]
     imu = case.model()
-    fine = floor_cases.draw(case, imu, 100, seed=8)
+    fine = floor_cases.draw(case, imu, 100, seed=8).windows
     two = [floor(windows, imu) for windows in (fine, at_rate(fine, 1.0))]
     assert np.sqrt(np.mean(wrap(two[0].heading - two[1].heading) ** 2)) < 0.4 * two[0].sigma[0]
 
@@ -245,7 +246,7 @@ def test_means_that_are_too_coarse_for_the_plate_are_named(interval, says):
     says so; those of one second tell each slew's course."""
     case = floor_cases.Case("", "sdc500", floor_cases.FOUR, 60.0, interval)
     imu = case.model()
-    windows = floor_cases.draw(case, imu, 3, seed=9)
+    windows = floor_cases.draw(case, imu, 3, seed=9).windows
     said = coarse.note(windows, imu.dt)
     assert (said is not None) == says
     assert not says or "67% of the time and tell nothing of north" in said
@@ -272,7 +273,7 @@ def test_when_a_window_starts_matters_where_errors_grow():
         (CASES["sdc500_two_position_warming_up"].model(), False),
     ):
         assert timeless(imu) == same
-        windows = floor_cases.draw(case, imu, 4, seed=10)
+        windows = floor_cases.draw(case, imu, 4, seed=10).windows
         later = replace(windows, start_s=np.array([0.0, 600.0, 1200.0, 6000.0]))
         alone, own = floor(windows, imu), floor(later, imu)
         assert (np.abs(own.sigma / alone.sigma - 1).max() < 1e-9) == same

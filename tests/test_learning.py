@@ -7,12 +7,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
-from helpers import composed, default_config, generate
+from helpers import composed, default_config, generate, labelled
 
 import lbgc.train
 from lbgc.data.record import mock_record
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, cut, stack
+from lbgc.data.windows import Labelled, cut, stack
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError
 from lbgc.estimators.level import level
@@ -77,14 +77,14 @@ def test_vector_mse_is_the_squared_error_where_it_is_small():
     assert float(vector_mse(truth, sincos)) == pytest.approx(off**2, rel=1e-3)
 
 
-def tilted(heading: float, bias: np.ndarray) -> Windows:
+def tilted(heading: float, bias: np.ndarray) -> Labelled:
     """A window of a tilted resting IMU with a body-frame bias."""
     record = mock_record()
     c_nb = euler_to_matrix(0.05, -0.08, heading)
     gyro = earth_rate_ned(record.latitude) @ c_nb + bias
     accel = np.linalg.norm(record.accel[0]) * np.array([0.0, 0.0, -1.0]) @ c_nb
     both = {"heading": heading, "heading_reference": heading}
-    return cut(
+    return labelled(
         replace(record, gyro=np.tile(gyro, (250, 1)), accel=np.tile(accel, (250, 1)), **both), 25.0
     )
 
@@ -95,8 +95,8 @@ def test_augmentation_gives_the_recording_that_would_have_been_made_there():
     made = augment(TURN_ONLY, tilted(0.7, bias), NO_SENSOR, np.random.default_rng(3))
     there = tilted(float(made.heading[0]), bias)
     assert abs(made.heading[0] - 0.7) > 0.1
-    np.testing.assert_allclose(made.gyro, there.gyro, atol=1e-17)
-    np.testing.assert_array_equal(made.accel, there.accel)
+    np.testing.assert_allclose(made.windows.gyro, there.windows.gyro, atol=1e-17)
+    np.testing.assert_array_equal(made.windows.accel, there.windows.accel)
 
 
 @pytest.mark.parametrize("protocol", ["two_position", "carousel"])
@@ -106,9 +106,9 @@ def test_a_turning_plates_recording_is_turned_as_a_whole(tmp_path, protocol):
     config = default_config("imu=ideal", f"protocol={protocol}")
     made = generate(tmp_path / "d.zarr", imu=config.imu, protocol=config.protocol, recordings=2,
                     duration_s=40.0, output="means", mean_s=1.0, split=[1, 0, 0])  # fmt: skip
-    windows = stack(made.records(np.arange(2)), 1.0)
-    windows = replace(windows, heading_reference=windows.heading)
-    one, two = (earth_in_body(windows.rows(slice(i, i + 1)), windows.heading[i : i + 1])
+    recordings = stack(made.records(np.arange(2)), 1.0)
+    windows, heading = recordings.windows, recordings.heading
+    one, two = (earth_in_body(windows.rows(slice(i, i + 1)), heading[i : i + 1])
                 for i in (0, 1))  # fmt: skip
     difference = windows.gyro[1] - windows.gyro[0]
     travel = np.abs(np.diff(windows.plate_angle[0], prepend=0.0))
@@ -123,24 +123,32 @@ def test_the_papers_literal_form_turns_the_bias_too():
     config = replace(TURN_ONLY, form="literal")
     made = augment(config, tilted(0.7, bias), NO_SENSOR, np.random.default_rng(3))
     d = made.heading[0] - 0.7
-    original = tilted(0.7, bias)
-    np.testing.assert_allclose(made.gyro[0, 0], rotation_z(d).T @ original.gyro[0, 0], atol=1e-17)
+    original = rotation_z(d).T @ tilted(0.7, bias).windows.gyro[0, 0]
+    np.testing.assert_allclose(made.windows.gyro[0, 0], original, atol=1e-17)
     level = mock_record()
-    turned = augment(config, cut(level, 25.0), NO_SENSOR, np.random.default_rng(3))
-    np.testing.assert_allclose(mean(turned).heading, wrap(turned.heading), atol=1e-9)
+    turned = augment(config, labelled(level, 25.0), NO_SENSOR, np.random.default_rng(3))
+    np.testing.assert_allclose(mean(turned.windows).heading, wrap(turned.heading), atol=1e-9)
 
 
 def test_every_copy_draws_its_own_noise_and_bias(rng):
     """Two copies of one recording differ, by as much as the sensor's own noise and run bias say:
     1,000 copies x 3 axes, 4.5 x 1/sqrt(6000) = 6%."""
-    windows = stack([mock_record()] * 1000, 0.2)
+    stored = stack([mock_record()] * 1000, 0.2)
     noisy = AugmentConfig(rotate=False, noise=1.0, run_bias=1.0)
-    made = augment(noisy, windows, SDC500, rng).gyro - windows.gyro
+    made = augment(noisy, stored, SDC500, rng).windows.gyro - stored.windows.gyro
     means = made.mean(axis=1)
     assert len(np.unique(means[:, 0])) == 1000
     rows = SDC500.sample_noise(rng, 1000, 5, 5.0).mean(axis=1)
     expected = np.sqrt(rows.var(axis=0) + np.square(SDC500.bias_run))
     np.testing.assert_allclose(means.std(axis=0), expected, rtol=0.1)
+
+
+def scattered(count: int, rng: np.random.Generator) -> Labelled:
+    """Recordings of one heading, with white noise of their own."""
+    stored = stack([mock_record()] * count, 0.2)
+    gyro = stored.windows.gyro
+    gyro = gyro + 1e-6 * rng.standard_normal(gyro.shape)
+    return replace(stored, windows=replace(stored.windows, gyro=gyro))
 
 
 @pytest.mark.parametrize(
@@ -149,13 +157,12 @@ def test_every_copy_draws_its_own_noise_and_bias(rng):
     ids=lambda c: next(iter(c)),
 )
 def test_every_augmentation_field_changes_the_copies(changed, rng):
-    windows = stack([mock_record()] * 3, 0.2)
-    windows = replace(windows, gyro=windows.gyro + 1e-6 * rng.standard_normal(windows.gyro.shape))
-    made = [
-        Stored(windows, np.zeros(3, int), c, SDC500).draw(np.random.default_rng(1), 3, 5).gyro
+    stored = scattered(3, rng)
+    one, two = (
+        Stored(stored, np.zeros(3, int), c, SDC500).draw(np.random.default_rng(1), 3, 5).windows
         for c in (AugmentConfig(), replace(AugmentConfig(), **changed))
-    ]
-    assert not np.array_equal(*made)
+    )
+    assert not np.array_equal(one.gyro, two.gyro)
     assert set(changed) < {f.name for f in fields(AugmentConfig)}
 
 
@@ -170,18 +177,17 @@ def test_mixed_recordings_have_the_law_of_the_stored_ones(rng):
     earth = np.einsum("wij,i->wj", base, earth_rate_ned(0.6))
     like = stack([mock_record(latitude=0.6)] * count, 0.2)
     windows = replace(
-        like,
+        like.windows,
         gyro=np.repeat((earth + unit)[:, None], steps, axis=1) + noise,
         accel=np.repeat(-9.8 * base[:, None, 2], steps, axis=1),
         plate_angle=np.zeros((count, steps)),
-        heading=psi,
-        heading_reference=psi,
     )
+    stored = Labelled(windows=windows, heading=psi, heading_reference=psi)
     only = AugmentConfig(rotate=False)
-    made = Stored(windows, np.zeros(count, int), only, SDC500).draw(rng, 4000, steps)
-    roll, pitch = level(made.accel.mean(axis=1))
+    made = Stored(stored, np.zeros(count, int), only, SDC500).draw(rng, 4000, steps)
+    roll, pitch = level(made.windows.accel.mean(axis=1))
     base = euler_to_matrix(roll, pitch, made.heading)
-    left = made.gyro - np.einsum("wij,i->wj", base, earth_rate_ned(0.6))[:, None]
+    left = made.windows.gyro - np.einsum("wij,i->wj", base, earth_rate_ned(0.6))[:, None]
     error = 6 * 5.2e-6 / np.sqrt(count)
     np.testing.assert_allclose(left.mean(axis=(0, 1)), unit + noise.mean(axis=(0, 1)), atol=error)
     for axis in range(3):
@@ -191,21 +197,20 @@ def test_mixed_recordings_have_the_law_of_the_stored_ones(rng):
 
 
 def test_what_has_no_two_others_of_its_unit_is_not_mixed(rng):
-    windows = stack([mock_record()] * 5, 0.2)
-    windows = replace(windows, gyro=windows.gyro + 1e-6 * rng.standard_normal(windows.gyro.shape))
-    source = Stored(windows, np.array([7, 3, 3, 3, 7]), AugmentConfig(rotate=False), SDC500)
-    made = source.draw(rng, 200, 5)
-    stored = [any(np.array_equal(g, w) for w in windows.gyro) for g in made.gyro]
-    alone = [any(np.array_equal(g, windows.gyro[i]) for i in (0, 4)) for g in made.gyro]
+    recordings = scattered(5, rng)
+    source = Stored(recordings, np.array([7, 3, 3, 3, 7]), AugmentConfig(rotate=False), SDC500)
+    made, own = source.draw(rng, 200, 5).windows.gyro, recordings.windows.gyro
+    stored = [any(np.array_equal(g, w) for w in own) for g in made]
+    alone = [any(np.array_equal(g, own[i]) for i in (0, 4)) for g in made]
     assert 40 < sum(alone) < 120
     assert stored == alone
 
 
 def test_augmentation_leaves_the_originals_alone():
-    windows = stack([mock_record()], 0.2)
-    before = windows.gyro.copy()
-    augment(AugmentConfig(noise=1.0), windows, SDC500, np.random.default_rng(1))
-    np.testing.assert_array_equal(windows.gyro, before)
+    stored = stack([mock_record()], 0.2)
+    before = stored.windows.gyro.copy()
+    augment(AugmentConfig(noise=1.0), stored, SDC500, np.random.default_rng(1))
+    np.testing.assert_array_equal(stored.windows.gyro, before)
 
 
 def test_a_prediction_is_a_function_of_its_own_window_alone(unit_bias_run):
@@ -213,17 +218,11 @@ def test_a_prediction_is_a_function_of_its_own_window_alone(unit_bias_run):
     1e-4 degrees, where windows differ by tens of degrees."""
     dataset, run = unit_bias_run
     learned = Learned.load(run)
-    windows = stack(list(dataset.records(dataset.in_split("test")[:40])), 0.2)
+    windows = stack(list(dataset.records(dataset.in_split("test")[:40])), 0.2).windows
     together = np.rad2deg(learned(windows).heading)
     order = np.random.default_rng(0).permutation(40)
 
-    def rows(pick) -> Windows:
-        arrays = {
-            f.name: v[pick] if isinstance(v := getattr(windows, f.name), np.ndarray) else v
-            for f in fields(Windows)
-        }
-        return Windows(**arrays)
-
+    rows = windows.rows
     np.testing.assert_allclose(np.rad2deg(learned(rows(order)).heading), together[order], atol=1e-4)
     np.testing.assert_allclose(np.rad2deg(learned(rows(slice(3))).heading), together[:3], atol=1e-4)
     alone = [float(np.rad2deg(learned(rows(slice(i, i + 1))).heading)[0]) for i in range(40)]
@@ -232,8 +231,8 @@ def test_a_prediction_is_a_function_of_its_own_window_alone(unit_bias_run):
 
 def rmse_deg(estimate, dataset: Dataset, window_s: float) -> float:
     errors = [
-        heading_errors(estimate(w).heading, w.heading)
-        for w in (cut(r, window_s) for r in dataset.records(dataset.in_split("test")))
+        heading_errors(estimate(w.windows).heading, w.heading)
+        for w in (labelled(r, window_s) for r in dataset.records(dataset.in_split("test")))
     ]
     return float(np.rad2deg(np.sqrt(np.mean(np.square(np.concatenate(errors))))))
 
@@ -249,14 +248,15 @@ def test_without_gyro_and_accelerometer_the_plate_tells_nothing(unit_bias_run):
     """Zeros for both (which the estimator itself refuses): RMSE at chance, 104 degrees for errors
     uniform on the circle; the network's one answer against n headings round the circle."""
     dataset, run = unit_bias_run
-    windows = stack(list(dataset.records(dataset.in_split("test"))), 0.2)
+    recordings = stack(list(dataset.records(dataset.in_split("test"))), 0.2)
+    windows = recordings.windows
     blind = replace(windows, gyro=0 * windows.gyro, accel=0 * windows.accel)
     with pytest.raises(InputError, match="gyro's x axis = 0: at every sample of window 0"):
         Learned.load(run)(blind)
     net = load_net(run)[0]
     with torch.inference_mode():
         answer = net.heading_deg(net(torch.from_numpy(features(net.config, blind))))
-    errors = heading_errors(np.deg2rad(answer.double().numpy()), windows.heading)
+    errors = heading_errors(np.deg2rad(answer.double().numpy()), recordings.heading)
     assert np.rad2deg(np.sqrt(np.mean(errors**2))) == pytest.approx(180 / np.sqrt(3), rel=0.1)
 
 

@@ -30,7 +30,7 @@ def shelf(tmp_path_factory):
             composed(TrainConfig, "train", f"data={data.path}", "windows_s=[10,20]", *options)
         )
         shutil.copytree(run, home / "shelf" / "sdc500-static")
-    return home / "shelf", stack(data.records(np.arange(20)), 0.2)
+    return home / "shelf", stack(data.records(np.arange(20)), 0.2).windows
 
 
 def test_what_it_was_not_trained_for_is_refused(shelf):

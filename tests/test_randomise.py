@@ -16,7 +16,7 @@ from lbgc.train import TrainConfig
 
 
 @pytest.fixture(scope="module")
-def windows(tmp_path_factory):
+def recordings(tmp_path_factory):
     """(at 32.76 degrees, at 55): noiseless, on a leaning base, two positions."""
     home, found = tmp_path_factory.mktemp("randomise"), []
     config = default_config("imu=ideal", "protocol=two_position", "scene.base_roll_deg=1",
@@ -29,16 +29,17 @@ def windows(tmp_path_factory):
     return found
 
 
-def source(windows) -> Stored:
+def source(recordings) -> Stored:
     plain = AugmentConfig(rotate=False, mix=False)
-    return Stored(windows, np.zeros(len(windows), int), plain, default_config().imu.gyro.triad())
+    units = np.zeros(len(recordings), int)
+    return Stored(recordings, units, plain, default_config().imu.gyro.triad())
 
 
-def test_another_latitude_is_the_recording_made_there(windows):
+def test_another_latitude_is_the_recording_made_there(recordings):
     """At rest; a servo's slew is as it was. A degree of lean times what Earth's rate is there."""
-    here, there = windows
-    made = moved(here, float(there.latitude[0]))
-    still = np.abs(np.diff(here.plate_angle[0], prepend=0.0)) < 1e-6
+    here, there = recordings[0], recordings[1].windows
+    made = moved(here, float(there.latitude[0])).windows
+    still = np.abs(np.diff(here.windows.plate_angle[0], prepend=0.0)) < 1e-6
     assert still.sum() > 8
     np.testing.assert_allclose(made.gyro[:, still], there.gyro[:, still], atol=2e-9)
     np.testing.assert_allclose(made.accel[:, still], there.accel[:, still], atol=1e-5)
@@ -54,24 +55,24 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("field", CHANGES)
-def test_every_field_changes_what_training_is_given(windows, field):
+def test_every_field_changes_what_training_is_given(recordings, field):
     imu = default_config().imu.model(600.0)
     config = replace(RandomiseConfig(), **{field: CHANGES[field]})
     assert config.is_on
     assert not RandomiseConfig().is_on
-    one = Randomised(source(windows[0]), config, imu).draw(np.random.default_rng(1), 4, 5)
-    two = source(windows[0]).draw(np.random.default_rng(1), 4, 5)
-    assert not np.array_equal(one.gyro, two.gyro)
+    one = Randomised(source(recordings[0]), config, imu).draw(np.random.default_rng(1), 4, 5)
+    two = source(recordings[0]).draw(np.random.default_rng(1), 4, 5)
+    assert not np.array_equal(one.windows.gyro, two.windows.gyro)
     np.testing.assert_array_equal(one.heading, two.heading)
     assert {*CHANGES, "vibration_hz"} == {f.name for f in fields(RandomiseConfig)}
 
 
-def test_a_vibrations_frequency_counts(windows):
+def test_a_vibrations_frequency_counts(recordings):
     imu = default_config().imu.model(600.0)
     made = [
-        Randomised(source(windows[0]), RandomiseConfig(None, 0, 0, 100.0, hz), imu)
+        Randomised(source(recordings[0]), RandomiseConfig(None, 0, 0, 100.0, hz), imu)
         .draw(np.random.default_rng(1), 4, 5)
-        .gyro
+        .windows.gyro
         for hz in ((45.0, 51.0), (20.0, 20.0))
     ]
     assert not np.array_equal(*made)

@@ -13,7 +13,7 @@ from scipy.special import i0e
 import lbgc.train
 from lbgc import cores
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, stack
+from lbgc.data.windows import Labelled, stack
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.static import mean
@@ -42,7 +42,7 @@ def dataset(tmp_path_factory) -> Dataset:
                     duration_s=60.0, output="means", split=[60, 40, 0])  # fmt: skip
 
 
-def recordings(dataset: Dataset, split: str = "train") -> Windows:
+def recordings(dataset: Dataset, split: str = "train") -> Labelled:
     return stack(dataset.records(dataset.in_split(split)), 0.2)
 
 
@@ -79,7 +79,7 @@ def test_the_references_own_error_is_no_part_of_sigma():
 def test_tempering_is_of_the_windows_length(dataset):
     """What is added, and how much wider it gets, at 4 and at 16 samples is there, half of both in
     the middle (8), and the end's beyond; again on top of it; the heading is as it was."""
-    net, windows = make(POOL, 1), recordings(dataset)
+    net, windows = make(POOL, 1), recordings(dataset).windows
     x = torch.from_numpy(inputs(POOL, windows, windows.rate_hz, None)[0])
     lengths = (2, 4, 8, 12)
     before = [net(x[:, :n]).detach() for n in lengths]
@@ -113,7 +113,7 @@ def test_sigma_is_the_densitys_rms_angle():
 
 def test_an_untrained_correction_is_none(dataset):
     """Its last layers start at zero: the heading is the base's, whatever the cell."""
-    windows = recordings(dataset)
+    windows = recordings(dataset).windows
     for cell in ("pool", "lstm", "gru", "rnn"):
         net = make(replace(POOL, cell=cell), 1)
         x, base = inputs(net.config, windows, windows.rate_hz, None)
@@ -125,7 +125,7 @@ def test_an_untrained_correction_is_none(dataset):
 def test_a_turned_window_points_north(dataset):
     """The mean rate to the east is zero by the base's making; the body's residual is that of a
     known heading, turned."""
-    windows = recordings(dataset)
+    windows = recordings(dataset).windows
     x, base = inputs(POOL, windows, windows.rate_hz, None)
     assert x.shape == (len(windows), 12, POOL.features)
     east = x[..., 1].mean(axis=1)
@@ -174,8 +174,8 @@ def test_a_streamed_bench_is_the_stored_one(tmp_path):
     source = Streamed.of(made, np.arange(2), stored)
     inside = slice(2, -2)
     rate, force = source._truth(np.arange(2), stored.heading, inside)
-    np.testing.assert_allclose(rate, stored.gyro[:, inside], atol=3e-7)
-    np.testing.assert_allclose(force, stored.accel[:, inside], atol=1e-4)
+    np.testing.assert_allclose(rate, stored.windows.gyro[:, inside], atol=3e-7)
+    np.testing.assert_allclose(force, stored.windows.accel[:, inside], atol=1e-4)
 
 
 def test_a_moving_bench_cannot_be_streamed(tmp_path):
@@ -191,10 +191,10 @@ def test_a_correction_learns_what_repeats_and_says_how_sure_it_is(dataset, tmp_p
     over sigma of 1: chi-square of 120 has a deviation of 13%, five of them 65%."""
     options = ("steps=150", "validate_every=50", "windows_s=[20,60]")
     learned = Learned.load(trained(dataset, tmp_path / "a", monkeypatch, *options))
-    windows = recordings(dataset, "validation")
-    found = learned(windows)
-    error = wrap(found.heading - windows.heading)
-    plain = wrap(mean(windows).heading - windows.heading)
+    held = recordings(dataset, "validation")
+    found = learned(held.windows)
+    error = wrap(found.heading - held.heading)
+    plain = wrap(mean(held.windows).heading - held.heading)
     assert np.mean(error**2) < 0.25 * np.mean(plain**2)
     assert 0.35 < np.mean((error / found.sigma) ** 2) < 1.65
 
@@ -202,7 +202,7 @@ def test_a_correction_learns_what_repeats_and_says_how_sure_it_is(dataset, tmp_p
 def test_more_windows_set_the_sigma_right_otherwise(dataset, tmp_path, monkeypatch):
     """And the headings not at all."""
     options = ("steps=2", "validate_every=2", "batch=8", "windows_s=[60]")
-    windows, found = recordings(dataset, "validation"), []
+    windows, found = recordings(dataset, "validation").windows, []
     for count in (100, 200):
         own = (*options, f"tempering={count}")
         learned = Learned.load(trained(dataset, tmp_path / str(count), monkeypatch, *own))
@@ -314,7 +314,8 @@ def test_a_base_answers_windows_that_its_sensors_model_does_not_explain(dataset,
     """Those that domain randomisation shakes, such as; the estimator itself refuses them."""
     angles = {"gls": [0.0], "two_position_weighted": [0.0, np.pi]}
     steps = angles.get(name, [0.0, np.pi / 2, np.pi])
-    windows, imu = recordings(dataset).rows(np.arange(3)), default_config().imu.model(100.0)
+    windows = recordings(dataset).windows.rows(np.arange(3))
+    imu = default_config().imu.model(100.0)
     n = windows.gyro.shape[1]
     plate = np.tile(np.repeat(steps, -(-n // len(steps)))[:n], (3, 1))
     shaking = 0.1 * np.sin(np.arange(n))[:, None]

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from helpers import composed, default_config
+from helpers import composed, default_config, labelled
 from numpy.polynomial.legendre import legval
 from simulated import swaying
 
 import lbgc.train
 import sim.generate
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, cut, joined
+from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.frames import euler_to_matrix, rotation_vector, rotation_z, turned, wrap
@@ -52,9 +52,9 @@ def rocking(arm: float, rate_hz: float, duration_s: float, heading: float) -> Wi
     turn = rotation_vector(np.swapaxes(before, -1, -2) @ after) * rate_hz
     gyro = turn + np.einsum("tij,i->tj", middle, earth)
     accel = np.einsum("tij,ti->tj", middle, np.diff(velocity, axis=0) * rate_hz - down)
-    one = np.array([heading])
-    return Windows(gyro[None, 1:], accel[None, 1:], np.zeros((1, n)), rate_hz, np.array([latitude]),
-                   one, one, np.zeros(1))  # fmt: skip
+    return Windows(gyro=gyro[None, 1:], accel=accel[None, 1:], plate_angle=np.zeros((1, n)),
+                   rate_hz=rate_hz, latitude=np.array([latitude]),
+                   start_s=np.zeros(1))  # fmt: skip
 
 
 @pytest.mark.parametrize("latitude", [-50.0, 0.0, 65.0])
@@ -66,7 +66,7 @@ def test_velocity_bends_eastward_by_one_unit(latitude, duration, turn_deg_s):
     n = round(50 * duration)
     tilt = (0.0, 0.0) if turn_deg_s else (3.0, -2.0)
     w = swaying(4, duration, 50.0, latitude, tilt, still(4, n), turn=np.deg2rad(turn_deg_s))
-    seen = Swaying.of(w, 5.0)
+    seen = Swaying.of(w.windows, 5.0)
     north_east = bend(turned(seen.velocity, w.heading[:, None]))
     np.testing.assert_allclose(north_east, [[0.0, 1.0]] * 4, atol=4e-3)
     np.testing.assert_allclose(seen.residual(w.heading)[..., :2], 0.0, atol=0.015)
@@ -85,7 +85,7 @@ def test_a_rocking_body_moves_as_its_rate_says():
 def test_an_answer_turns_with_the_mount(base):
     """Whatever the weights are: turned about z, the heading follows and sigma stays."""
     rng = np.random.default_rng(5)
-    w = swaying(6, 10.0, 50.0, 40.0, (0.0, 0.0), 1e-3 * rng.standard_normal((6, 501, 3)))
+    w = swaying(6, 10.0, 50.0, 40.0, (0.0, 0.0), 1e-3 * rng.standard_normal((6, 501, 3))).windows
     net = make(replace(CONFIG, base=base), 3)
     with torch.no_grad(), torch.random.fork_rng():
         torch.manual_seed(1)
@@ -105,7 +105,7 @@ def test_an_answer_turns_with_the_mount(base):
 
 
 def test_slow_samples_are_refused():
-    w = swaying(1, 10.0, 20.0, 40.0, (0.0, 0.0), still(1, 200))
+    w = swaying(1, 10.0, 20.0, 40.0, (0.0, 0.0), still(1, 200)).windows
     with pytest.raises(InputError, match="20 Hz: must be 50 Hz or more"):
         inputs(CONFIG, w, 4.0, None)
 
@@ -146,9 +146,9 @@ def test_it_learns_which_way_north_is(resting, tmp_path, monkeypatch):
     learned = Learned.load(run)
     for dataset in resting:
         rows = dataset.in_split("validation")
-        windows = joined([cut(record, 10.0) for record in dataset.records(rows)])
-        found = learned(windows)
-        off = np.rad2deg(wrap(found.heading - windows.heading))
+        held = Labelled.joined([labelled(record, 10.0) for record in dataset.records(rows)])
+        found = learned(held.windows)
+        off = np.rad2deg(wrap(found.heading - held.heading))
         assert np.sqrt(np.mean(off**2)) < 10.0
         assert np.isfinite(found.sigma).all()
 

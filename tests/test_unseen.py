@@ -12,7 +12,7 @@ from helpers import default_config
 from lbgc import verdict
 from lbgc.bound import course_of
 from lbgc.data.record import Record
-from lbgc.data.windows import Windows, cut, stack
+from lbgc.data.windows import Labelled, Windows, cut, stack
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.estimators import circle
@@ -35,7 +35,7 @@ def white_only(arw_deg_per_sqrt_h: float, rate_hz: float = 4.0, **gyro):
     return default_config(*said).imu.model(rate_hz)
 
 
-def resting(count, seconds, arw, bias=0.0, rate_hz=4.0, seed=0, latitude=LATITUDE) -> Windows:
+def resting(count, seconds, arw, bias=0.0, rate_hz=4.0, seed=0, latitude=LATITUDE) -> Labelled:
     """Level windows at rest, all round the compass: white noise of the gyros, deg/sqrt(h), and a
     bias of each, 1 sigma in deg/h, new in each window."""
     rng = np.random.default_rng(seed)
@@ -48,47 +48,54 @@ def resting(count, seconds, arw, bias=0.0, rate_hz=4.0, seed=0, latitude=LATITUD
     rate = rate + bias * DEG / HOUR * rng.standard_normal((count, 1, 3))
     force = np.tile([0.0, 0.0, -normal_gravity(latitude)], (count, n, 1))
     force = force + 1e-5 * rng.standard_normal(force.shape)
-    at = np.full(count, latitude)
-    return Windows(rate, force, np.zeros((count, n)), rate_hz, at, psi, psi, np.zeros(count))
+    windows = Windows(
+        gyro=rate,
+        accel=force,
+        plate_angle=np.zeros((count, n)),
+        rate_hz=rate_hz,
+        latitude=np.full(count, latitude),
+        start_s=np.zeros(count),
+    )
+    return Labelled(windows=windows, heading=psi, heading_reference=psi)
 
 
-def nees(found, windows):
-    return np.mean((wrap(found.heading - windows.heading) / found.sigma) ** 2)
+def nees(found, drawn):
+    return np.mean((wrap(found.heading - drawn.heading) / found.sigma) ** 2)
 
 
 @pytest.mark.parametrize("seconds", [10.0, 60.0])
 @pytest.mark.parametrize("estimate", [mean, triad, gls])
 def test_sigma_is_true_where_noise_drowns_earths_rate(estimate, seconds):
     """8.7 deg/sqrt(h), told of it: over 4,000 windows within 0.1 of one, six sampling errors."""
-    windows = resting(4000, seconds, 8.7)
-    found = estimate(windows, white_only(8.7))
-    assert nees(found, windows) == pytest.approx(1.0, abs=0.1)
+    drawn = resting(4000, seconds, 8.7)
+    found = estimate(drawn.windows, white_only(8.7))
+    assert nees(found, drawn) == pytest.approx(1.0, abs=0.1)
     assert found.sigma.max() <= circle.CHANCE
     assert not found.at_least
 
 
 @pytest.mark.parametrize("seconds", [10.0, 60.0])
 def test_scatter_alone_is_a_lower_bound_and_true_of_white_noise(seconds):
-    windows = resting(4000, seconds, 8.7)
-    found = mean(windows)
+    drawn = resting(4000, seconds, 8.7)
+    found = mean(drawn.windows)
     assert found.at_least
-    assert nees(found, windows) == pytest.approx(1.0, abs=0.12)  # its variance is estimated, too
+    assert nees(found, drawn) == pytest.approx(1.0, abs=0.12)  # its variance is estimated, too
     biased = resting(2000, seconds, 0.1, bias=20.0)
-    assert nees(mean(biased), biased) > 2  # which is why it is called a lower bound
+    assert nees(mean(biased.windows), biased) > 2  # which is why it is called a lower bound
 
 
 def test_a_users_limit_on_the_bias_is_the_prior():
     """A bias of 20 deg/h, 1 sigma, where Earth's horizontal rate is 12.6: north is not seen."""
-    windows = resting(4000, 60.0, 0.1, bias=20.0)
+    drawn = resting(4000, 60.0, 0.1, bias=20.0)
     for estimate in (mean, triad):
-        found = estimate(windows, None, bias_sigma=20.0 * DEG / HOUR)
+        found = estimate(drawn.windows, None, bias_sigma=20.0 * DEG / HOUR)
         assert not found.at_least
-        assert nees(found, windows) == pytest.approx(1.0, abs=0.1)
+        assert nees(found, drawn) == pytest.approx(1.0, abs=0.1)
 
 
 def test_at_high_signal_sigma_is_the_old_one():
     """Small errors: sigma is the rate's error across north over Earth's horizontal rate."""
-    windows = resting(200, 60.0, 0.1)
+    windows = resting(200, 60.0, 0.1).windows
     found = mean(windows, white_only(0.1))
     error = 0.1 * DEG / np.sqrt(HOUR) / np.sqrt(60.0)
     small = error / (EARTH_RATE * np.cos(LATITUDE))
@@ -99,7 +106,7 @@ def test_at_high_signal_sigma_is_the_old_one():
 @pytest.mark.parametrize("bias", [0.0, 500.0])
 def test_oba_bias_is_left_out_at_rest_whatever_noise_is_drawn(latitude_deg, bias):
     for seed in (2, 3):
-        windows = resting(1, 60.0, 0.1, bias, seed=seed, latitude=np.deg2rad(latitude_deg))
+        windows = resting(1, 60.0, 0.1, bias, seed=seed, latitude=np.deg2rad(latitude_deg)).windows
         with pytest.raises(InputError, match="tell a gyro's bias from north"):
             oba_bias(windows)
     flicker = windows.plate_angle + np.deg2rad(0.01) * (np.arange(240) % 2)
@@ -109,9 +116,9 @@ def test_oba_bias_is_left_out_at_rest_whatever_noise_is_drawn(latitude_deg, bias
 
 def recording(bias, seconds=300.0, arw=0.1, seed=0, name="log") -> Record:
     """One level recording at rest, its gyros' biases in deg/h."""
-    windows = resting(1, seconds, arw, seed=seed)
+    drawn = resting(1, seconds, arw, seed=seed)
+    windows, heading = drawn.windows, float(drawn.heading[0])
     gyro = windows.gyro[0] + np.array(bias) * DEG / HOUR
-    heading = float(windows.heading[0])
     return Record(name, gyro, windows.accel[0], windows.plate_angle[0], 4.0, LATITUDE,
                   heading_reference=heading)  # fmt: skip
 
@@ -120,11 +127,11 @@ def recording(bias, seconds=300.0, arw=0.1, seed=0, name="log") -> Record:
 def test_the_verdict_is_the_error_that_comes(bias):
     """`mean` is the best estimator of white noise and a like bias of both gyros: its RMSE over
     4,000 windows has a sampling error of 1%, the expected floor another."""
-    windows = resting(4000, 60.0, 0.5, bias)
+    drawn = resting(4000, 60.0, 0.5, bias)
     law = white_only(0.5, bias_run_deg_per_h=bias)
-    course = levelled(windows.rows(slice(0, 1)), law.dt)[0].course
+    course = levelled(drawn.windows.rows(slice(0, 1)), law.dt)[0].course
     found = verdict.judged(law, course, Site.at(LATITUDE), 60.0)
-    error = wrap(mean(windows, law).heading - windows.heading)
+    error = wrap(mean(drawn.windows, law).heading - drawn.heading)
     rmse = np.rad2deg(np.sqrt(np.mean(error**2)))
     assert found.floor_deg == pytest.approx(rmse, rel=0.06)
     assert found.can == (rmse < 60)
@@ -192,8 +199,8 @@ def test_a_rate_that_is_not_earths_widens_what_scatter_says():
     told no sensor. White noise alone is not widened: one window in 10,000 has 4 sigma."""
     log = recording([500.0, -300.0, 200.0])
     assert np.rad2deg(mean(cut(log, 60.0)).sigma) == pytest.approx(104, abs=2)
-    windows = resting(4000, 60.0, 1.0)
-    assert nees(mean(windows), windows) == pytest.approx(1.0, abs=0.1)
+    drawn = resting(4000, 60.0, 1.0)
+    assert nees(mean(drawn.windows), drawn) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize("told", [False, True])
@@ -256,7 +263,7 @@ def test_a_model_refuses_another_unit_sensor_protocol_and_place(unit_bias_run):
 
     data, run = unit_bias_run
     model = Trained.load(run)
-    windows = stack(data.records(np.arange(20)), 0.2)
+    windows = stack(data.records(np.arange(20)), 0.2).windows
     units = (data.configuration["unit_seed"], 1)
     own = Setting(model.sensor, "heading_scan", units)
     expected = model.learned(windows).heading
@@ -291,7 +298,7 @@ def test_a_log_says_by_its_rates_that_it_is_another_units(unit_bias_run):
 
     data, run = unit_bias_run
     model = Trained.load(run)
-    windows = stack(data.records(np.arange(40)), 0.2)
+    windows = stack(data.records(np.arange(40)), 0.2).windows
     records = list(data.records(np.arange(40)))
     assert not any(model.asked(Setting(None, records=[r]), False).beside for r in records)
     rng = np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""Windows of records: what an estimator is given."""
+"""Windows of records: what an estimator is given, and, for training, what is known of them."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +18,9 @@ from lbgc.errors import InputError
 
 _MOST = 0.98
 """Share of a window's samples that blocks must hold, at the least."""
-UNKNOWN = np.nan
-"""A heading that nobody knows."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Windows:
     """W equally long windows. An estimator answers each from its own row alone."""
 
@@ -35,10 +33,6 @@ class Windows:
     rate_hz: float
     latitude: np.ndarray
     """(W,), rad"""
-    heading: np.ndarray
-    """(W,), rad, true, when the encoder reads zero; NaN where unknown"""
-    heading_reference: np.ndarray
-    """(W,), rad; NaN where unknown"""
     start_s: np.ndarray
     """(W,), s since the recording's start"""
 
@@ -54,6 +48,37 @@ class Windows:
         return replace(self, **{k: v[which] for k, v in vars(self).items() if k != "rate_hz"})
 
 
+@dataclass(frozen=True, kw_only=True)
+class Labelled:
+    """Windows, and what is known of where they looked: an estimator is given the windows alone."""
+
+    windows: Windows
+    heading: np.ndarray
+    """(W,), rad, true, when the encoder reads zero; NaN where unknown"""
+    heading_reference: np.ndarray
+    """(W,), rad; NaN where unknown"""
+
+    @classmethod
+    def joined(cls, several: Sequence["Labelled"]) -> "Labelled":
+        """Those of windows of one length and rate, as one set."""
+        return cls(
+            windows=joined([own.windows for own in several]),
+            heading=np.concatenate([own.heading for own in several]),
+            heading_reference=np.concatenate([own.heading_reference for own in several]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    def rows(self, which: slice | np.ndarray) -> "Labelled":
+        """Some of the windows."""
+        return Labelled(
+            windows=self.windows.rows(which),
+            heading=self.heading[which],
+            heading_reference=self.heading_reference[which],
+        )
+
+
 def window_of(
     gyro: np.ndarray,
     accel: np.ndarray,
@@ -61,7 +86,7 @@ def window_of(
     latitude_deg: float,
     plate_angle: np.ndarray | None = None,
 ) -> Windows:
-    """One's own arrays as one window, its heading unknown.
+    """One's own arrays as one window.
 
     gyro : (T, 3), rad/s, and accel : (T, 3), m/s^2, forward-right-down, each sample the mean over
     its interval; plate_angle : (T,), rad, None where nothing turns. Raises InputError where the
@@ -98,18 +123,13 @@ def cut(record: Record, window_s: float) -> Windows:
     def rows(values: np.ndarray) -> np.ndarray:
         return values[: count * size].reshape(count, size, *values.shape[1:])
 
-    def all_of(value: float | None) -> np.ndarray:
-        return np.full(count, UNKNOWN if value is None else value)
-
     return Windows(
-        rows(record.gyro),
-        rows(record.accel),
-        rows(record.plate_angle),
-        record.rate_hz,
-        all_of(record.latitude),
-        all_of(record.heading),
-        all_of(record.heading_reference),
-        np.arange(count) * length_s,
+        gyro=rows(record.gyro),
+        accel=rows(record.accel),
+        plate_angle=rows(record.plate_angle),
+        rate_hz=record.rate_hz,
+        latitude=np.full(count, record.latitude),
+        start_s=np.arange(count) * length_s,
     )
 
 
@@ -120,14 +140,12 @@ def joined(several: Sequence[Windows]) -> Windows:
         return np.concatenate([getattr(windows, name) for windows in several])
 
     return Windows(
-        all_of("gyro"),
-        all_of("accel"),
-        all_of("plate_angle"),
-        several[0].rate_hz,
-        all_of("latitude"),
-        all_of("heading"),
-        all_of("heading_reference"),
-        all_of("start_s"),
+        gyro=all_of("gyro"),
+        accel=all_of("accel"),
+        plate_angle=all_of("plate_angle"),
+        rate_hz=several[0].rate_hz,
+        latitude=all_of("latitude"),
+        start_s=all_of("start_s"),
     )
 
 
@@ -171,16 +189,19 @@ def at_rate(windows: Windows, rate_hz: float) -> Windows:
     )
 
 
-def stack(records: Iterable[Record], rate_hz: float) -> Windows:
+def stack(records: Iterable[Record], rate_hz: float) -> Labelled:
     """Whole recordings of one length, at one rate, each as one window: a training set in memory."""
     rows: Sequence[Record] = [block_means(r, rate_hz) for r in records]
-    return Windows(
-        np.stack([r.gyro for r in rows]),
-        np.stack([r.accel for r in rows]),
-        np.stack([r.plate_angle for r in rows]),
-        rate_hz,
-        np.array([r.latitude for r in rows]),
-        np.array([UNKNOWN if r.heading is None else r.heading for r in rows]),
-        np.array([UNKNOWN if r.heading_reference is None else r.heading_reference for r in rows]),
-        np.zeros(len(rows)),
+    windows = Windows(
+        gyro=np.stack([r.gyro for r in rows]),
+        accel=np.stack([r.accel for r in rows]),
+        plate_angle=np.stack([r.plate_angle for r in rows]),
+        rate_hz=rate_hz,
+        latitude=np.array([r.latitude for r in rows]),
+        start_s=np.zeros(len(rows)),
+    )
+    return Labelled(
+        windows=windows,
+        heading=np.array([r.heading for r in rows], float),  # None: NaN
+        heading_reference=np.array([r.heading_reference for r in rows], float),
     )

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import require_choice, require_not_negative
 from lbgc.estimators.course import travel_within
@@ -50,14 +50,14 @@ class AugmentConfig:
 
 
 def augment(
-    config: AugmentConfig, windows: Windows, gyro: Triad, rng: np.random.Generator
-) -> Windows:
+    config: AugmentConfig, labelled: Labelled, gyro: Triad, rng: np.random.Generator
+) -> Labelled:
     """Copies of the windows (one each), labels turned with them; the originals are left alone.
 
     gyro : the model of the sensor that recorded them, for the added noise and bias.
     """
-    rates = np.array(windows.gyro)
-    reference, truth = windows.heading_reference, windows.heading
+    windows, rates = labelled.windows, np.array(labelled.windows.gyro)
+    reference, truth = labelled.heading_reference, labelled.heading
     if config.rotate:
         d = rng.uniform(-np.pi, np.pi, len(windows))
         if config.form == "literal":
@@ -72,19 +72,19 @@ def augment(
         count, steps, _ = rates.shape
         fresh = gyro.sample_noise(rng, count, steps, 1 / windows.rate_hz)
         rates = rates + config.noise * fresh
-    return replace(windows, gyro=rates, heading=truth, heading_reference=reference)
+    turned = replace(windows, gyro=rates)
+    return Labelled(windows=turned, heading=truth, heading_reference=reference)
 
 
-def mix(several: Sequence[Windows], rng: np.random.Generator) -> Windows:
-    """Three sets of windows, row by row of one unit and one course of the plate, as one: labels of
-    the first, errors of the law of any."""
-    first = several[0]
+def mix(several: Sequence[Labelled], rng: np.random.Generator) -> Windows:
+    """Three sets of windows, row by row of one unit and one course of the plate, as one that looks
+    where the first does, with errors of the law of any."""
+    first, reference = several[0].windows, several[0].heading_reference
     share = rng.uniform(-np.pi, np.pi, len(first)) + 2 * np.pi / MIXED * np.arange(MIXED)[:, None]
     weights = (1 + 2 * np.cos(share)) / MIXED  # (3, W): sum 1, sum of squares 1
-    left = [own.gyro - earth_in_body(own, own.heading_reference) for own in several]
-    mixed = replace(first, accel=_sum(weights, [own.accel for own in several]))
-    earth = earth_in_body(mixed, mixed.heading_reference)
-    return replace(mixed, gyro=_sum(weights, left) + earth)
+    left = [own.windows.gyro - earth_in_body(own.windows, own.heading_reference) for own in several]
+    mixed = replace(first, accel=_sum(weights, [own.windows.accel for own in several]))
+    return replace(mixed, gyro=_sum(weights, left) + earth_in_body(mixed, reference))
 
 
 def _sum(weights: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:

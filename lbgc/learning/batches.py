@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from tqdm import tqdm
 
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled, Windows
 from lbgc.frames import wrap
 from lbgc.learning.augment import MIXED, AugmentConfig, augment, mix
 from lbgc.learning.model import ModelConfig
@@ -41,10 +41,10 @@ class Sensed:
     imu: ImuModel
     """The sensor by which the network's base weighs"""
 
-    def examples(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    def examples(self, labelled: Labelled) -> tuple[np.ndarray, np.ndarray]:
         """Features, and the reference, all that training may know, less the base's heading."""
-        x, base = inputs(self.model, windows, self.rate_hz, self.imu)
-        off = windows.heading_reference - base
+        x, base = inputs(self.model, labelled.windows, self.rate_hz, self.imu)
+        off = labelled.heading_reference - base
         return x, off if self.model.base is None else wrap(off)
 
 
@@ -72,9 +72,9 @@ class Prepared:
     fresh: None = None
 
     @classmethod
-    def of(cls, sensed: Sensed, recordings: Windows, lengths: Iterable[int]) -> "Prepared":
+    def of(cls, sensed: Sensed, recordings: Labelled, lengths: Iterable[int]) -> "Prepared":
         """Windows that overlap by half."""
-        block = round(recordings.rate_hz / sensed.rate_hz)
+        block = round(recordings.windows.rate_hz / sensed.rate_hz)
         parts: dict[int, list] = {steps: [] for steps in lengths}
         with tqdm(total=len(recordings), desc="integrating", leave=False, unit="rec") as bar:
             for first in range(0, len(recordings), _AT_ONCE):
@@ -97,7 +97,7 @@ class Source(Protocol):
     def fresh(self) -> "Source | None":
         """A source of windows that are never trained on, of the law that is evaluated on."""
 
-    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
         """So many windows of so many samples, each from its own recording and offset."""
 
 
@@ -105,28 +105,29 @@ class Source(Protocol):
 class Stored:
     """Windows of recordings in memory, each copy varied by `augment` and `mix`."""
 
-    recordings: Windows
+    recordings: Labelled
     units: np.ndarray
     """(R,), whose sensor each is of: mixed are recordings of one."""
     config: AugmentConfig
     gyro: Triad
     fresh: None = None
 
-    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
         rows = rng.integers(len(self.recordings), size=count)
-        latest = self.recordings.gyro.shape[1] - steps
+        latest = self.recordings.windows.gyro.shape[1] - steps
         starts = rng.integers(latest + 1, size=len(rows))
-        windows = crop(self.recordings, rows, starts, steps)
+        drawn = crop(self.recordings, rows, starts, steps)
         if self.config.mix:
             others = [crop(self.recordings, r, starts, steps) for r in self._mates(rng, rows)]
             alone = np.bincount(self.units)[self.units[rows]] < MIXED
-            mixed = mix([windows, *others], rng)
+            mixed, own = mix([drawn, *others], rng), drawn.windows
             windows = replace(
-                windows,
-                gyro=np.where(alone[:, None, None], windows.gyro, mixed.gyro),
-                accel=np.where(alone[:, None, None], windows.accel, mixed.accel),
+                own,
+                gyro=np.where(alone[:, None, None], own.gyro, mixed.gyro),
+                accel=np.where(alone[:, None, None], own.accel, mixed.accel),
             )
-        return augment(self.config, windows, self.gyro, rng)
+            drawn = replace(drawn, windows=windows)
+        return augment(self.config, drawn, self.gyro, rng)
 
     def _mates(self, rng: np.random.Generator, rows: np.ndarray) -> list[np.ndarray]:
         """For each row two others of its unit; the row itself where it has no two."""
@@ -151,25 +152,28 @@ class Stored:
         return order, place
 
 
-def crop(windows: Windows, rows: np.ndarray, starts: np.ndarray, steps: int) -> Windows:
+def crop(recordings: Labelled, rows: np.ndarray, starts: np.ndarray, steps: int) -> Labelled:
     """One window of `steps` samples from each of these rows, from these starts on."""
-    at = starts[:, None] + np.arange(steps)
-    pick = rows[:, None], at
-    return Windows(
-        windows.gyro[pick],
-        windows.accel[pick],
-        windows.plate_angle[pick],
-        windows.rate_hz,
-        windows.latitude[rows],
-        windows.heading[rows],
-        windows.heading_reference[rows],
-        starts / windows.rate_hz,
+    whole = recordings.windows
+    pick = rows[:, None], starts[:, None] + np.arange(steps)
+    windows = Windows(
+        gyro=whole.gyro[pick],
+        accel=whole.accel[pick],
+        plate_angle=whole.plate_angle[pick],
+        rate_hz=whole.rate_hz,
+        latitude=whole.latitude[rows],
+        start_s=starts / whole.rate_hz,
+    )
+    return Labelled(
+        windows=windows,
+        heading=recordings.heading[rows],
+        heading_reference=recordings.heading_reference[rows],
     )
 
 
-def every(windows: Windows, steps: int, overlap: int = 1) -> Windows:
+def every(recordings: Labelled, steps: int, overlap: int = 1) -> Labelled:
     """All consecutive windows of this many samples of all rows, so many times each sample."""
-    n, hop = windows.gyro.shape[1], max(1, steps // overlap)
+    n, hop = recordings.windows.gyro.shape[1], max(1, steps // overlap)
     starts = np.arange(0, n - steps + 1, hop)
-    rows = np.repeat(np.arange(len(windows)), len(starts))
-    return crop(windows, rows, np.tile(starts, len(windows)), steps)
+    rows = np.repeat(np.arange(len(recordings)), len(starts))
+    return crop(recordings, rows, np.tile(starts, len(recordings)), steps)

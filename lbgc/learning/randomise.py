@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import normal_gravities
 from lbgc.errors import require, require_not_negative
 from lbgc.learning.augment import earth_in_body
@@ -60,12 +60,13 @@ class Randomised:
     def fresh(self) -> Source | None:
         return self.source.fresh
 
-    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
-        windows = self.source.draw(rng, count, steps)
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
+        drawn = self.source.draw(rng, count, steps)
         if self.config.latitude is not None:
             low, high = self.config.latitude
-            windows = moved(windows, float(np.deg2rad(rng.uniform(low, high))))
-        return replace(windows, gyro=windows.gyro + self._more(rng, windows))
+            drawn = moved(drawn, float(np.deg2rad(rng.uniform(low, high))))
+        own = drawn.windows
+        return replace(drawn, windows=replace(own, gyro=own.gyro + self._more(rng, own)))
 
     def _more(self, rng: np.random.Generator, windows: Windows) -> np.ndarray:
         """Errors of the gyro beside those that it has, (W, T, 3)."""
@@ -88,14 +89,15 @@ class Randomised:
         return more
 
 
-def moved(windows: Windows, latitude: float) -> Windows:
+def moved(labelled: Labelled, latitude: float) -> Labelled:
     """Windows as they would be at another latitude, rad: Earth's rate and gravity are its own.
 
     Accelerometers' bias leans the level by as much as before, and through it the heading by as much
     as it did where the windows come from.
     """
+    windows, psi = labelled.windows, labelled.heading_reference
     there = replace(windows, latitude=np.full(len(windows), latitude))
-    psi = windows.heading_reference
     change = earth_in_body(there, psi) - earth_in_body(windows, psi)
     weight = normal_gravities(there.latitude) / normal_gravities(windows.latitude)
-    return replace(there, gyro=windows.gyro + change, accel=windows.accel * weight[:, None, None])
+    accel = windows.accel * weight[:, None, None]
+    return replace(labelled, windows=replace(there, gyro=windows.gyro + change, accel=accel))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.errors import InputError, build
 from lbgc.estimators.course import travel_within
@@ -39,7 +39,7 @@ _MOVING = {
 class Streamed:
     """Rows of everything that a recording begins with, at the model's rate."""
 
-    recordings: Windows
+    recordings: Labelled
     """The stored ones, of which the plate's course and the labels are used."""
     attitude: np.ndarray
     """(R, 2), rad, roll and pitch"""
@@ -55,17 +55,18 @@ class Streamed:
         return self
 
     @classmethod
-    def of(cls, dataset: Dataset, rows: np.ndarray, recordings: Windows) -> "Streamed":
+    def of(cls, dataset: Dataset, rows: np.ndarray, recordings: Labelled) -> "Streamed":
         """recordings : the dataset's at `rows`. Raises InputError where the dataset's bench moves,
         or where block means cannot represent its counts."""
         configuration = dataset.configuration
         _check_still(dataset, configuration)
         imu = build(ImuConfig, configuration["imu"]).model(float(configuration["rate_hz"]))
-        turning = float(np.abs(np.diff(recordings.plate_angle, axis=1)).max(initial=0.0))
-        fastest = turning * recordings.rate_hz + 1e-4
+        stored = recordings.windows
+        turning = float(np.abs(np.diff(stored.plate_angle, axis=1)).max(initial=0.0))
+        fastest = turning * stored.rate_hz + 1e-4
         height = float(configuration["height_m"])
-        gravity = normal_gravity(float(recordings.latitude[0]), height)
-        mean_s = 1 / recordings.rate_hz
+        gravity = normal_gravity(float(stored.latitude[0]), height)
+        mean_s = 1 / stored.rate_hz
         check_means(imu.gyro, "imu.gyro", imu.dt, mean_s, fastest)
         check_means(imu.accel, "imu.accel", imu.dt, mean_s, gravity)
         angles = [dataset.label(name)[rows] for name in ("roll", "pitch")]
@@ -79,9 +80,9 @@ class Streamed:
             height,
         )
 
-    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Windows:
+    def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
         """Windows of one start, of recordings of which nothing else is drawn."""
-        stored = self.recordings
+        known, stored = self.recordings, self.recordings.windows
         rows = rng.integers(len(stored), size=count)
         start = int(rng.integers(stored.gyro.shape[1] - steps + 1))
         heading = rng.uniform(-np.pi, np.pi, count)
@@ -93,24 +94,23 @@ class Streamed:
                              force, self.imu.warming, start)  # fmt: skip
         accel = measure_means(self.imu.accel, rng, force, self.accel.rows(rows), *common,
                               None, self.imu.warming, start)  # fmt: skip
-        off = stored.heading_reference[rows] - stored.heading[rows]
-        return Windows(
-            gyro,
-            accel,
-            stored.plate_angle[rows, inside],
-            stored.rate_hz,
-            stored.latitude[rows],
-            heading,
-            heading + off,
-            np.full(count, start / stored.rate_hz),
+        off = known.heading_reference[rows] - known.heading[rows]
+        windows = Windows(
+            gyro=gyro,
+            accel=accel,
+            plate_angle=stored.plate_angle[rows, inside],
+            rate_hz=stored.rate_hz,
+            latitude=stored.latitude[rows],
+            start_s=np.full(count, start / stored.rate_hz),
         )
+        return Labelled(windows=windows, heading=heading, heading_reference=heading + off)
 
     def _truth(
         self, rows: np.ndarray, heading: np.ndarray, inside: slice
     ) -> tuple[np.ndarray, np.ndarray]:
         """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, T, 3), inside
         recordings on a plate that turns evenly within a block; (W, 1, 3) on one that rests."""
-        stored = self.recordings
+        stored = self.recordings.windows
         late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
         reading = unrepeated(stored.plate_angle[rows])
         travel = travel_within(reading)

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled
 from lbgc.errors import InputError, reading
 from lbgc.learning import checkpoint, loss, threads
 from lbgc.learning.ahead import Batch, Batches, ahead
@@ -61,7 +61,7 @@ class Trainer:
     """One network's training. What it has learned so far is in `net`, `best` and `history`."""
 
     def __init__(
-        self, plan: Plan, source: Examples, sensed: Sensed, stored: Windows, validation: Windows
+        self, plan: Plan, source: Examples, sensed: Sensed, stored: Labelled, validation: Labelled
     ):
         """source : of training's; stored, validation : whole recordings of the two splits."""
         self.plan, self.source, self.sensed = plan, source, sensed
@@ -72,7 +72,7 @@ class Trainer:
         self.net.to(self.device)
         self.optimiser = torch.optim.Adam(self.net.parameters(), lr=plan.learning_rate)
         self.schedule = _schedule(plan, self.optimiser)
-        block = round(validation.rate_hz / sensed.rate_hz)
+        block = round(validation.windows.rate_hz / sensed.rate_hz)
         self.validation = [
             (window, *self._there(sensed.examples(every(validation, steps * block))))
             for window, steps in plan.windows_steps.items()
@@ -176,7 +176,7 @@ class Trainer:
         target = torch.from_numpy(np.rad2deg(off).astype(np.float32))
         return torch.from_numpy(x).to(self.device), target.to(self.device)
 
-    def _scale(self, stored: Windows) -> float:
+    def _scale(self, stored: Labelled) -> float:
         """RMS error of the base, rad, on the longest windows of the training split."""
         windows = every(stored, max(self.plan.windows_steps.values()))
         pick = np.arange(len(windows))[:_MOST_FOR_SCALE]

@@ -122,8 +122,14 @@ def _window(rate_hz: float) -> Windows:
     n = round(_WINDOW_S * rate_hz)
     gyro = 5e-5 + 1e-6 * rng.standard_normal((1, n, 3))
     accel = np.array([0.01, 0.01, -9.8]) + 1e-4 * rng.standard_normal((1, n, 3))
-    one = np.zeros(1)
-    return Windows(gyro, accel, np.zeros((1, n)), rate_hz, one + 0.57, one, one, one)
+    return Windows(
+        gyro=gyro,
+        accel=accel,
+        plate_angle=np.zeros((1, n)),
+        rate_hz=rate_hz,
+        latitude=np.full(1, 0.57),
+        start_s=np.zeros(1),
+    )
 
 
 def _gpu(table: Table, dataset: Dataset) -> None:

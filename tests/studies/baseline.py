@@ -12,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 from common import Report, cases, interval95
+from helpers import default_config, labelled
 from tqdm import tqdm
 
 import lbgc.train
 import sim.generate
 from lbgc.data.store import Dataset
-from lbgc.data.windows import cut, joined
+from lbgc.data.windows import Labelled
 from lbgc.estimators.static import mean
 from lbgc.learning.estimator import Learned
 from lbgc.metrics import heading_errors, summarise
@@ -35,8 +36,9 @@ def dataset(config: GenerateConfig, name: str) -> Dataset:
 
 
 def errors(data: Dataset, estimate, window_s: float, split: str) -> np.ndarray:
-    windows = joined([cut(record, window_s) for record in data.records(data.in_split(split))])
-    return heading_errors(estimate(windows).heading, windows.heading)
+    records = data.records(data.in_split(split))
+    own = Labelled.joined([labelled(record, window_s) for record in records])
+    return heading_errors(estimate(own.windows).heading, own.heading)
 
 
 def medians(report: Report, config: GenerateConfig) -> None:
@@ -83,8 +85,6 @@ def units(report: Report, config: GenerateConfig) -> None:
 
 
 if __name__ == "__main__":
-    from helpers import default_config
-
     with Report("studies/baseline") as study:
         medians(study, default_config())
         units(study, default_config())

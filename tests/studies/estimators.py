@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 from common import Report, cases
-from helpers import REAL_LOGS, composed, default_config
+from helpers import REAL_LOGS, composed, default_config, labelled
 from scipy.signal import lfilter
 from scoring import Scores, first_windows, named, scored
 from simulated import swaying
@@ -31,7 +31,7 @@ import sim.generate
 from lbgc.bound import course_of, crlb, floor, white_crlb
 from lbgc.data import logs
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, at_rate, cut
+from lbgc.data.windows import Labelled, at_rate
 from lbgc.errors import require_choice
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled
@@ -128,12 +128,12 @@ def general_form_case() -> Case:
 
 def general_form(report: Report, data: Dataset) -> None:
     """Least squares of the error on its four predicted parts: each coefficient is 1."""
-    windows = next(first_windows(data, 240.0, batch=len(data)))
-    error = wrap(CLASSICAL["mean"](windows, None).heading - windows.heading)
+    own = next(first_windows(data, 240.0, batch=len(data)))
+    error = wrap(CLASSICAL["mean"](own.windows, None).heading - own.heading)
     gyro, accel = data.label("gyro_bias_run"), data.label("accel_bias_run")
-    latitude = windows.latitude[0]
+    latitude = own.windows.latitude[0]
     site = Site.at(float(latitude))
-    s, c = np.sin(windows.heading), np.cos(windows.heading)
+    s, c = np.sin(own.heading), np.cos(own.heading)
     parts = np.stack(
         [
             -gyro[:, 0] * s / site.north,
@@ -201,7 +201,8 @@ def gaussian(report: Report, data: Mapping[str, Dataset], cases: Mapping[str, Ca
 def brute_force(report: Report, data: Dataset, case: Case) -> None:
     """The floor's circular mean against integrating over heading the likelihood of the data
     themselves, three block means a channel, tilts having a prior so wide that it is flat."""
-    windows = at_rate(next(first_windows(data, 240.0, CASES["gaussian"]["brute_force"])), 3 / 240)
+    some = next(first_windows(data, 240.0, CASES["gaussian"]["brute_force"]))
+    windows = at_rate(some.windows, 3 / 240)
     found = floor(windows, case.imu)
     part = levelled(windows, case.imu.dt)[0]
     B, psi = patterns(case.imu, part.course), np.deg2rad(np.arange(0, 360, 0.01))
@@ -320,7 +321,7 @@ def paper_baseline(report: Report, data: Mapping[str, Dataset], cases: Mapping[s
 
 def sway_windows(
     resonance: tuple[float, float] | None, part: int, turn: float = 0.0, from_rest: bool = False
-) -> Windows:
+) -> Labelled:
     """Bodies at rest on average, or turning about z (rad/s), whose site's velocity is white, or
     white through a resonator; from_rest : and zero where a window starts."""
     c = CASES["sway"]
@@ -338,12 +339,12 @@ def sway_windows(
     return swaying(count, c["duration_s"], c["rate_hz"], 34.0, lean, velocity, seed=part, turn=turn)
 
 
-def biased_windows(imu: ImuModel, turn: float, part: int) -> Windows:
+def biased_windows(imu: ImuModel, turn: float, part: int) -> Labelled:
     """The same with a run's bias on each gyro."""
-    windows = sway_windows(None, part, turn)
+    own = sway_windows(None, part, turn)
     rng = np.random.default_rng((CASES["seed"], 1000 + part))
-    bias = rng.standard_normal((len(windows), 1, 3)) * imu.gyro.bias_run
-    return replace(windows, gyro=windows.gyro + bias)
+    bias = rng.standard_normal((len(own), 1, 3)) * imu.gyro.bias_run
+    return replace(own, windows=replace(own.windows, gyro=own.windows.gyro + bias))
 
 
 def own_sways(report: Report) -> None:
@@ -402,15 +403,16 @@ def real_log(report: Report) -> None:
     report.line("lasergyro, whole log, against its reference: RMSE, deg; NSE")
     curves: dict[str, tuple[list[float], list[float]]] = {n: ([], []) for n in names}
     for window in c["windows_s"]:
-        found = scored(iter([cut(record, window)]), named(*names), imu)
+        found = scored(iter([labelled(record, window)]), named(*names), imu)
         for name, own in found.items():
             report.line(f"{window:5g} s  {name:14s} {own.rmse_deg:8.3f}  {own.nse:8.3g}")
             curves[name][0].append(window)
             curves[name][1].append(own.rmse_deg)
         report.summary[f"lasergyro_{window}s_rmse_deg"] = found["oba"].rmse_deg
     (DIRECTORY / "lasergyro.png").write_bytes(png(error_against_window(curves)))
-    windows = cut(record, c["turned_windows_s"])
-    own = scored(iter([windows]), named("oba"), imu)["oba"]
+    whole = labelled(record, c["turned_windows_s"])
+    windows = whole.windows
+    own = scored(iter([whole]), named("oba"), imu)["oba"]
     order, half = np.argsort(own.sigma), len(own.sigma) // 2
     halves = [np.sqrt(np.mean(own.errors[part] ** 2)) for part in (order[:half], order[half:])]
     report.summary["lasergyro_sigma_halves_ratio"] = float(halves[0] / halves[1])

@@ -72,8 +72,8 @@ def main() -> None:
         train = dataset("train", CASES["train_recordings"], CASES["seed"], "[90,10,0]")
         test = dataset("test", CASES["test_recordings"], CASES["seed"] + 1, "[0,0,1]")
         records = list(test.records(np.arange(len(test))))
-        windows = first(records, CASES["window_s"])
-        base = scored(iter([windows]), {"mean": mean}, None)["mean"].rmse_deg
+        tested = first(records, CASES["window_s"])
+        base = scored(iter([tested]), {"mean": mean}, None)["mean"].rmse_deg
         report.line(f"{CASES['window_s']} s, {len(test)} recordings; plain mean {base:.2f} "
                     f"deg; RMSE: mean and deviation over {len(CASES['seeds'])} seeds")  # fmt: skip
         report.line(f"{'model':13s} {'parameters':>10s} {'paper':>6s}   {'PyTorch':>7s} "
@@ -86,9 +86,9 @@ def main() -> None:
                 asked = (f"data={train.place}", f"model={model}", f"seed={seed}", *steps, *options)
                 run = lbgc.train.main(composed(TrainConfig, "train", *asked))
                 learned, said = Learned.load(run), json.loads((run / DESCRIPTION).read_text())
-                errors.append(scored(iter([windows]), {model: learned}, None)[model].rmse_deg)
+                errors.append(scored(iter([tested]), {model: learned}, None)[model].rmse_deg)
                 seconds.append(said["seconds"])
-            one = windows.rows(slice(0, 1))
+            one = tested.windows.rows(slice(0, 1))
             times = latency_ms(learned, one), latency_ms(exported(run), one)
             size = learned.config.layers, learned.config.hidden
             theirs = ("-", "-", "-")

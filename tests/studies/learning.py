@@ -20,7 +20,7 @@ import numpy as np
 import swaying
 import torch
 from common import Report, cases
-from helpers import composed, default_config
+from helpers import composed, default_config, labelled
 from matplotlib.figure import Figure
 from scipy.stats import norm
 from scoring import Scores, first, scored
@@ -34,7 +34,7 @@ from lbgc.bound import floor
 from lbgc.data.calibrated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
-from lbgc.data.windows import cut, joined
+from lbgc.data.windows import Labelled
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.information import known
@@ -145,12 +145,12 @@ class Calibration:
         windows_s: Sequence[float] = tuple(CASES["windows_s"]),
     ) -> None:
         for window in windows_s:
-            cuts = [cut(record, window) for record in tested.records]
+            cuts = [labelled(record, window) for record in tested.records]
             pick = np.unique(np.linspace(0, len(cuts[0]) - 1, CASES["calibration_windows"]).round())
-            windows = joined([own.rows(pick.astype(int)) for own in cuts])
+            picked = Labelled.joined([own.rows(pick.astype(int)) for own in cuts])
             recording = np.repeat(np.arange(len(cuts)), len(pick))
-            found = learned(windows)
-            z = np.abs(wrap(found.heading - windows.heading)) / found.sigma
+            found = learned(picked.windows)
+            z = np.abs(wrap(found.heading - picked.heading)) / found.sigma
             order = np.argsort(found.sigma, kind="stable")
             for third, part in enumerate((order, *np.array_split(order, 3))):
                 for level in CASES["calibration_levels"]:
@@ -411,7 +411,7 @@ def stored_against_streamed(report: Report, minutes: list[float], _: Calibration
 
 def latency(report: Report, learned: Learned, run: Path, tested: Tested) -> None:
     """Of one 240 s window of 5 s means on one core, classical base and features included."""
-    window = first(tested.records[:1], 240.0)
+    window = first(tested.records[:1], 240.0).windows
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # two would wait for each other longer than they work
     exported = onnx.load(lbgc.export.main(ExportConfig(run=str(run))))

@@ -16,7 +16,7 @@ from pathlib import Path
 import jinja2
 import numpy as np
 from common import Report, cases
-from helpers import composed, default_config
+from helpers import composed, default_config, labelled
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 from scoring import first
@@ -28,7 +28,7 @@ from lbgc.bound import course_of, floor
 from lbgc.data.calibrated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, cut, joined
+from lbgc.data.windows import Labelled
 from lbgc.earth import EARTH_RATE, earth_rate_ned
 from lbgc.estimators.course import Site
 from lbgc.estimators.estimate import Estimator
@@ -86,9 +86,9 @@ def means(name: str, recordings: int, seed: int, *options: str) -> Dataset:
     )
 
 
-def sizes(estimate: Estimator, windows: Windows, imu: ImuModel | None = None) -> np.ndarray:
+def sizes(estimate: Estimator, own: Labelled, imu: ImuModel | None = None) -> np.ndarray:
     """|error| against the reference, as the paper has it, (W,), degrees."""
-    return np.abs(np.rad2deg(wrap(estimate(windows, imu).heading - windows.heading_reference)))
+    return np.abs(np.rad2deg(wrap(estimate(own.windows, imu).heading - own.heading_reference)))
 
 
 @dataclass
@@ -275,7 +275,7 @@ def single(e: Experiment) -> list[Section]:
     }
     rows = []
     for i, window in enumerate(paper.WINDOWS_S):
-        hours = joined([cut(r, window) for r in e.single])
+        hours = Labelled.joined([labelled(r, window) for r in e.single])
         errors = {
             "baseline": sizes(mean, hours),
             "learned": sizes(e.learned, hours),
@@ -294,7 +294,7 @@ def single(e: Experiment) -> list[Section]:
     axes.semilogx(t, np.rad2deg(truth + wrap(heading - truth)), ".", markersize=3, color="#2c5d9b",
                   label="baseline")  # fmt: skip
     at = list(paper.WINDOWS_S)
-    guesses = [float(e.learned(first(e.single[:1], w), None).heading[0]) for w in at]
+    guesses = [float(e.learned(first(e.single[:1], w).windows, None).heading[0]) for w in at]
     axes.semilogx(at, [np.rad2deg(truth + wrap(g - truth)) for g in guesses], "^", color="#d1691f",
                   label="learned")  # fmt: skip
     axes.axhline(CASES["heading_deg"], color="#27895a", linewidth=1, label="truth")

@@ -69,8 +69,9 @@ def reading(report: Report, home: Path) -> None:
     Dataset.open_finished(dataset.path)
     seconds = time.process_time() - started
     rate = size(dataset)[0] / seconds / 1e6
-    windows = stack(dataset.records(np.arange(len(dataset))), dataset.rate_hz)
-    held = sum(v.nbytes for v in vars(windows).values() if isinstance(v, np.ndarray))
+    stored = stack(dataset.records(np.arange(len(dataset))), dataset.rate_hz)
+    arrays = {**vars(stored), **vars(stored.windows)}.values()
+    held = sum(v.nbytes for v in arrays if isinstance(v, np.ndarray))
     each = held / len(dataset) / 1e3
     report.line(f"{CASES['read']}: checked at {rate:.0f} MB/s, {1e3 * seconds / len(dataset):.3f} "
                 f"ms a recording; in memory {each:.2f} kB a recording")  # fmt: skip

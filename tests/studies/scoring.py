@@ -4,11 +4,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from helpers import labelled
 
 from lbgc.bound import floor
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, cut, joined
+from lbgc.data.windows import Labelled
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
 from lbgc.frames import wrap
@@ -55,12 +56,12 @@ def start(record: Record, window_s: float) -> Record:
     )
 
 
-def first(records: Sequence[Record], window_s: float) -> Windows:
+def first(records: Sequence[Record], window_s: float) -> Labelled:
     """The first window of each."""
-    return joined([cut(start(record, window_s), window_s) for record in records])
+    return Labelled.joined([labelled(start(record, window_s), window_s) for record in records])
 
 
-def first_windows(data: Dataset, window_s: float, batch: int = 500) -> Iterator[Windows]:
+def first_windows(data: Dataset, window_s: float, batch: int = 500) -> Iterator[Labelled]:
     """The first window of each recording, in batches."""
     several: list[Record] = []
     for record in data.records(np.arange(len(data))):
@@ -73,7 +74,7 @@ def first_windows(data: Dataset, window_s: float, batch: int = 500) -> Iterator[
 
 
 def scored(
-    windows: Iterator[Windows],
+    windows: Iterator[Labelled],
     estimators: Mapping[str, Estimator],
     imu: ImuModel | None,
     against: str = "truth",
@@ -84,7 +85,7 @@ def scored(
         known = own.heading if against == "truth" else own.heading_reference
         truth = np.where(np.isnan(known), own.heading_reference, known)
         for name, estimate in estimators.items():
-            found = estimate(own, imu)
+            found = estimate(own.windows, imu)
             parts[name].append((wrap(found.heading - truth), found.sigma))
     joint = {n: [np.concatenate(p) for p in zip(*own, strict=True)] for n, own in parts.items()}
     return {name: Scores(*own) for name, own in joint.items()}

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from common import Report, cases
-from helpers import composed, default_config
+from helpers import composed, default_config, labelled
 from scipy.stats import binom, norm
 from scoring import Scores, scored
 from tqdm import tqdm
@@ -23,7 +23,7 @@ import sim.generate
 from lbgc.data.logs import read
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
-from lbgc.data.windows import Windows, cut, joined
+from lbgc.data.windows import Labelled
 from lbgc.errors import InputError, build
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
@@ -90,7 +90,7 @@ def simulated(report: Report, c: Mapping, directory: Path, models: Mapping[str, 
     report.line()
     report.line("a simulated vehicle, its latitude and sensor new: RMSE, degrees, all windows")
     for window in c["windows_s"]:
-        windows = joined([cut(record, window) for record in records])
+        windows = Labelled.joined([labelled(record, window) for record in records])
         found = scored(iter([windows]), dict(models) | classical(c), imu)
         recording = np.repeat(np.arange(len(records)), len(windows) // len(records))
         against = best(found, c["classical"])
@@ -134,19 +134,19 @@ def _real_window(
     window: float,
     after: float,
 ) -> None:
-    windows = cut(record, window)
-    windows = windows.rows(windows.start_s >= after)
+    whole = labelled(record, window)
+    tested = whole.rows(whole.windows.start_s >= after)
     found = {}
     for name, estimate in (dict(models) | classical(c)).items():
-        own = scored((turned(windows, a) for a in angles(c)), {name: estimate}, imu, "reference")
+        own = scored((turned(tested, a) for a in angles(c)), {name: estimate}, imu, "reference")
         found |= own
-    window_of = np.tile(np.arange(len(windows)), len(angles(c)))
+    window_of = np.tile(np.arange(len(tested)), len(angles(c)))
     against = best(found, c["classical"])
     ratio = rmse_ratio(found["correction"].errors, found[against].errors, window_of)
-    rows(report, f"{window:g} s, {len(windows)} windows", found, ratio, against)
+    rows(report, f"{window:g} s, {len(tested)} windows", found, ratio, against)
     key = f"lasergyro_{{}}_{window:g}s_{{}}"
     for name in models:
-        z = np.abs(found[name].errors / found[name].sigma)[: len(windows)]
+        z = np.abs(found[name].errors / found[name].sigma)[: len(tested)]
         held = _held(c, z)
         said = "   ".join(f"{a:.0%} {b:.0%} ({low:.0%} to {high:.0%})" for a, b, low, high in held)
         report.line(f"    {name}: its intervals hold   {said}")
@@ -177,12 +177,11 @@ def angles(c: Mapping) -> np.ndarray:
     return np.deg2rad(np.arange(0, 360, c["angles_deg"]))
 
 
-def turned(windows: Windows, angle: float) -> Windows:
+def turned(own: Labelled, angle: float) -> Labelled:
     """By an IMU whose axes stand turned so, clockwise about its z axis."""
     R = rotation_z(angle)
     return replace(
-        windows,
-        gyro=windows.gyro @ R,
-        accel=windows.accel @ R,
-        heading_reference=wrap(windows.heading_reference + angle),
+        own,
+        windows=replace(own.windows, gyro=own.windows.gyro @ R, accel=own.windows.accel @ R),
+        heading_reference=wrap(own.heading_reference + angle),
     )

@@ -13,7 +13,7 @@ from helpers import default_config
 from scoring import Scores, named, scored
 from tqdm import tqdm
 
-from lbgc.data.windows import Windows
+from lbgc.data.windows import Labelled
 from lbgc.sensor.imu import ImuModel
 
 PROTOCOLS = {
@@ -25,7 +25,7 @@ _BATCH = 500
 _STANDARD_ERRORS = 4.0
 
 
-def drawn(case: Case, imu: ImuModel, count: int, seed: int) -> Iterator[Windows]:
+def drawn(case: Case, imu: ImuModel, count: int, seed: int) -> Iterator[Labelled]:
     """Windows of so many units, by the batch."""
     for k in range(0, count, _BATCH):
         yield floor_cases.draw(case, imu, min(_BATCH, count - k), seed + k)

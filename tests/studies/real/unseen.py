@@ -36,11 +36,12 @@ def verdicts(report: Report, config: Mapping, seed: int) -> None:
     for preset, protocol, window in tqdm(every, "verdicts", leave=False):
         case = Case(preset, preset, PROTOCOLS[protocol], window, max(0.1, window / _MEANS))
         imu = case.model()
-        windows = floor_cases.draw(case, imu, config["verdict_recordings"], seed)
+        drawn = floor_cases.draw(case, imu, config["verdict_recordings"], seed)
+        windows = drawn.windows
         record = Record("one", windows.gyro[0], windows.accel[0], windows.plate_angle[0],
                         windows.rate_hz, floor_cases.LATITUDE)  # fmt: skip
         (found,) = verdict.verdicts(imu, record, [window])
-        squares = np.rad2deg(wrap(floor(windows, imu).heading - windows.heading)) ** 2
+        squares = np.rad2deg(wrap(floor(windows, imu).heading - drawn.heading)) ** 2
         low, high = (np.sqrt(max(end, 0.0)) for end in interval95(squares))
         seen = bool(np.sqrt(squares.mean()) <= verdict.MOST_DEG)
         right.append(found.can == seen or low < verdict.MOST_DEG < high)
