@@ -27,7 +27,7 @@ from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import InputError, require, require_choice, require_positive, run_main
 from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled, Site
 from lbgc.estimators.estimate import Estimate
-from lbgc.estimators.information import AS_LENGTHS, LIFETIMES, across, along, bayes, known
+from lbgc.estimators.information import AS_LENGTHS, across, along, bayes
 from lbgc.estimators.linear import LEANS, answer, needs_model
 from lbgc.estimators.optimal import Information, budget, check_fit, fitted, information
 from lbgc.frames import wrap
@@ -37,6 +37,7 @@ from lbgc.report.figures import bound_against_time, png
 from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import unstated, warnings
+from lbgc.sensor.errors import LIFETIMES
 from lbgc.sensor.imu import ImuModel
 
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
@@ -84,7 +85,7 @@ def expected_floor(told: Information, reference_sigma: float = 0.0, draws: int =
 
 def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """The Bayes-optimal estimate of windows, from the block means of at most 240 blocks at rest or
-    in steady motion. What is known of the sensor's errors is taken out of both (see `known`).
+    in steady motion. What is known of the sensor is taken out of both (`ImuModel.without`).
 
     Slews are told by their means from rest to rest, and where these fit the sensor's model. The
     plate's axis is taken as true: one that wobbles by some arcseconds turns the slews' rates by
@@ -179,7 +180,7 @@ class BoundConfig:
 
     @property
     def model(self) -> ImuModel:
-        return known(self.imu.model(self.rate_hz), tuple(self.known))
+        return self.imu.model(self.rate_hz).without(*self.known)
 
 
 def main(config: BoundConfig) -> Path:

@@ -22,12 +22,12 @@ from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, build, require, require_choice, require_positive, run_main
 from lbgc.estimators import CLASSICAL, coarse, static
 from lbgc.estimators.estimate import Estimator
-from lbgc.estimators.information import LIFETIMES, known
 from lbgc.outcome import document_of, doubts, outcome_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
+from lbgc.sensor.errors import LIFETIMES
 from lbgc.sensor.imu import ImuModel
 from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
 from lbgc.verdict import Verdict, reached
@@ -216,7 +216,7 @@ def _contenders(
     if config.known:
         assert imu is not None
         name = f"floor, {' and '.join(config.known)} known"
-        found[name] = _Contender(floor, known(imu, tuple(config.known)), calibrated=True)
+        found[name] = _Contender(floor, imu.without(*config.known), calibrated=True)
     return found
 
 

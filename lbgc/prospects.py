@@ -67,8 +67,7 @@ def _share(imu: ImuConfig, lifetimes: tuple[str, ...]) -> float:
     none."""
     gyro = imu.gyro.triad()
     variance = {
-        part: float(np.mean(np.square(getattr(gyro, f"bias_{part}")[:2])))
-        for part in ("unit", "session", "run")
+        part: float(np.mean(np.square(gyro.bias(part)[:2]))) for part in ("unit", "session", "run")
     }
     total = sum(variance.values())
     return sum(variance[part] for part in lifetimes) / total if total else 0.0

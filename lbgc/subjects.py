@@ -100,11 +100,12 @@ def of_dataset(
     )
     measured: Iterator[Measured] = (Measured(record) for record in dataset.records(indices))
     if lifetimes:
-        drawn = drawn_errors(dataset, indices)
-        warming = own.model(float(configuration["rate_hz"])).warming
+        law = own.model(float(configuration["rate_hz"]))
         measured = (
-            Measured(record, calibrated(record, *errors, tuple(lifetimes), warming))
-            for record, errors in zip(dataset.records(indices), drawn, strict=True)
+            Measured(record, calibrated(record, law, *drawn, tuple(lifetimes)))
+            for record, drawn in zip(
+                dataset.records(indices), drawn_errors(dataset, indices), strict=True
+            )
         )
     return subject, measured, len(indices)
 

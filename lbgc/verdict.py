@@ -182,8 +182,8 @@ def assumed(seen: Evidence, bias: float | None) -> ImuModel:
 
 def as_seen(imu: ImuModel, seen: Evidence) -> ImuModel:
     """The sensor with a bias as large as the log's own rates show, where less is stated."""
-    size = np.sqrt(np.maximum(np.square(imu.gyro.bias_run), seen.bias**2))
-    return replace(imu, gyro=replace(imu.gyro, bias_run=tuple(size.tolist())))
+    size = np.maximum(imu.gyro.bias("run"), np.abs(seen.bias))
+    return replace(imu, gyro=imu.gyro.with_bias(run=tuple(size.tolist())))
 
 
 def said(

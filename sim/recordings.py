@@ -10,8 +10,9 @@ import numpy as np
 
 from lbgc.frames import wrap
 from lbgc.protocol import plan
-from lbgc.sensor import streams
-from lbgc.sensor.imu import Disturbance, Timing, Triad, TriadErrors, UnitErrors
+from lbgc.sensor import errors, streams
+from lbgc.sensor.errors import Drawn, Surroundings
+from lbgc.sensor.imu import Timing, Triad
 from lbgc.sensor.streams import Purpose
 from sim import motion
 from sim.motion import Draw, Truth
@@ -19,9 +20,6 @@ from sim.motion import Draw, Truth
 if TYPE_CHECKING:
     from sim.generate import GenerateConfig
 
-Lasting = tuple[UnitErrors, np.ndarray]
-"""What their units and sessions fixed of a triad's errors, with one row a recording; the latter a
-bias, (R, 3)."""
 _TOGETHER, _TOGETHER_VALUES = 64, 100_000
 """Recordings worked out at once, and values of each axis: they stay in the processor's cache."""
 
@@ -43,24 +41,24 @@ class Sensor:
     def triads(self) -> tuple[tuple[str, Triad, Purpose], ...]:
         return ("gyro", self.gyro, Purpose.GYRO), ("accel", self.accel, Purpose.ACCEL)
 
-    def lasting(self, rows: Sequence[int]) -> dict[Purpose, Lasting]:
-        """Errors of each triad that last, drawn once a unit and session."""
+    def lasting(self, rows: Sequence[int]) -> dict[Purpose, Drawn]:
+        """Errors of each triad that last, drawn once a unit and session: one row a recording."""
         seed, units = self.config.unit_seed, self.config.units
         unit, session = _lifetimes(self.config, rows)
         own, row = np.unique(session * units + unit, return_inverse=True)
-        drawn: dict[Purpose, list[Lasting]] = {purpose: [] for _, _, purpose in self.triads()}
+        drawn: dict[Purpose, list[Drawn]] = {purpose: [] for _, _, purpose in self.triads()}
         for of_session, of_unit in (divmod(k, units) for k in own.tolist()):
             rngs = streams.unit(seed, of_unit), streams.session(seed, of_unit, of_session)
             for _, triad, purpose in self.triads():
-                drawn[purpose].append((triad.draw_unit(rngs[0]), triad.draw_session(rngs[1])))
+                drawn[purpose].append(triad.draw_unit(rngs[0]) | triad.draw_session(rngs[1]))
         return {purpose: _rows(each, row) for purpose, each in drawn.items()}
 
     def drawn(
-        self, triad: Triad, purpose: Purpose, rows: Sequence[int], lasting: Lasting
-    ) -> tuple[list[np.random.Generator], TriadErrors]:
+        self, triad: Triad, purpose: Purpose, rows: Sequence[int], lasting: Drawn
+    ) -> tuple[list[np.random.Generator], Drawn]:
         """What is drawn of a triad before each of these recordings, and where its noise is from."""
         rngs = streams.recordings(self.config.seed, rows, purpose)
-        return rngs, triad.draw_run(rngs, *lasting)
+        return rngs, triad.draw_run(rngs, lasting)
 
     def timed(self, rows: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """What is printed as each sample's time less the true time, (R, n) in s, and which samples
@@ -77,7 +75,7 @@ class Sensor:
         triad: Triad,
         rngs: Sequence[np.random.Generator],
         truth: np.ndarray,
-        errors: TriadErrors,
+        drawn: Drawn,
         force: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """What is stored of some recordings, (R, 3, n), and which of it was at its range, (R, n).
@@ -85,22 +83,20 @@ class Sensor:
         n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
         warming = vars(self.config.imu.temperature)
         if self.config.output == "means":
-            block, disturbance = self.config.block, Disturbance(force, **warming)
-            means = triad.measure_means(rngs, truth, errors, n, dt, block, disturbance)
+            block, around = self.config.block, Surroundings(force, **warming)
+            means = triad.measure_means(rngs, truth, drawn, n, dt, block, around)
             return means, np.broadcast_to(False, (len(rngs), n))
         each = []
         for at, rng in enumerate(rngs):
-            disturbance = Disturbance(None if force is None else force[at], **warming)
-            each.append(triad.measure(rng, truth[at], errors.rows(at), n, dt, disturbance))
+            around = Surroundings(None if force is None else force[at], **warming)
+            each.append(triad.measure(rng, truth[at], errors.rows(drawn, at), n, dt, around))
         printed, saturated = zip(*each, strict=True)
         return _stacked(printed), _stacked(saturated)
 
 
-def _rows(each: Sequence[Lasting], pick: np.ndarray | slice) -> Lasting:
+def _rows(each: Sequence[Drawn], pick: np.ndarray | slice) -> Drawn:
     """Those of several recordings' lasting errors that `pick` selects."""
-    units, sessions = zip(*each, strict=True)
-    stacked = {name: np.stack([vars(u)[name] for u in units]) for name in vars(units[0])}
-    return UnitErrors(**stacked).rows(pick), np.stack(sessions)[pick]
+    return errors.rows({name: np.stack([one[name] for one in each]) for name in each[0]}, pick)
 
 
 def recordings(
@@ -138,7 +134,7 @@ def batches(
     together, at = max(1, min(_TOGETHER, _TOGETHER_VALUES // (config.samples // block))), 0
     for truth in (t[k : k + together] for t in truths for k in range(0, len(t), together)):
         some = slice(at, at + len(truth))
-        own = {p: (unit.rows(some), session[some]) for p, (unit, session) in lasting.items()}
+        own = {purpose: errors.rows(each, some) for purpose, each in lasting.items()}
         values = _measured(config, sensor, rows[some], truth, own)
         values |= _moved(truth, draws[some])
         values |= {
@@ -170,7 +166,7 @@ def _measured(
     sensor: Sensor,
     rows: Sequence[int],
     truth: Truth,
-    lasting: dict[Purpose, Lasting],
+    lasting: dict[Purpose, Drawn],
 ) -> dict[str, np.ndarray]:
     """What the sensors print of these recordings, and what was drawn of their errors."""
     time_error, lost = sensor.timed(rows)
@@ -179,13 +175,13 @@ def _measured(
     for name, triad, purpose in sensor.triads():
         gyro = purpose == Purpose.GYRO
         feels, force = (truth.omega_ib_b, truth.f_ib_b) if gyro else (truth.f_ib_b, None)
-        rngs, errors = sensor.drawn(triad, purpose, rows, lasting[purpose])
-        printed, saturated = sensor.measure(triad, rngs, feels, errors, force)
+        rngs, drawn = sensor.drawn(triad, purpose, rows, lasting[purpose])
+        printed, saturated = sensor.measure(triad, rngs, feels, drawn, force)
         if lost.any():
             printed = _stacked([Timing.held(*own) for own in zip(printed, lost, strict=True)])
         # Kept axis by axis in memory, as the store keeps it; logically (time, axis).
         values[name], values[f"{name}_saturated"] = printed.swapaxes(1, 2), saturated
-        values |= {f"{name}_{part}": value for part, value in vars(errors).items()}
+        values |= {f"{name}_{part}": value for part, value in drawn.items()}
     return values
 
 

@@ -17,7 +17,8 @@ from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimate, Estimator
 from lbgc.frames import euler_to_matrix, wrap
 from lbgc.protocol import ProtocolConfig, plan
-from lbgc.sensor.imu import Disturbance, ImuModel, Triad
+from lbgc.sensor.errors import Surroundings
+from lbgc.sensor.imu import ImuModel, Triad
 
 LATITUDE = np.deg2rad(32.76)
 ARM_M = 0.27
@@ -116,17 +117,16 @@ def _measured(
     rng: np.random.Generator,
     truth: np.ndarray,
     interval: float,
-    disturbance: Disturbance,
+    around: Surroundings,
 ) -> np.ndarray:
     """Means, (W, n, 3), each window of its own unit, session and run."""
     own = rng.spawn(len(truth))
     units = [triad.draw_unit(each) for each in own]
-    stacked = type(units[0])(
-        **{name: np.stack([vars(unit)[name] for unit in units]) for name in vars(units[0])}
-    )
-    errors = triad.draw_run(own, stacked, np.stack([triad.draw_session(each) for each in own]))
+    lasting = [unit | triad.draw_session(each) for unit, each in zip(units, own, strict=True)]
+    stacked = {name: np.stack([one[name] for one in lasting]) for name in lasting[0]}
+    drawn = triad.draw_run(own, stacked)
     n, block = truth.shape[-1], round(interval / imu.dt)
-    means = triad.measure_means(own, truth, errors, n, imu.dt, block, disturbance)
+    means = triad.measure_means(own, truth, drawn, n, imu.dt, block, around)
     return np.moveaxis(means, 1, 2).astype(float)
 
 

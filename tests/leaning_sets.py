@@ -12,8 +12,8 @@ from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.frames import euler_to_matrix, matrix_to_euler
 from lbgc.sensor.allan import overlapping_deviation
-from lbgc.sensor.batch import Lasting, measure_means
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.errors import Drawn
 from lbgc.sensor.imu import ImuModel, Triad
 from lbgc.units import factor
 
@@ -52,9 +52,10 @@ def recordings(
         (imu.gyro, earth_rate_ned(latitude)),
         (imu.accel, np.array([0.0, 0.0, -normal_gravity(latitude)])),
     ):
-        truth = np.einsum("rij,i->rj", c_nb, vector)[:, None]
-        lasting = _lasting(triad, rng, labels)
-        printed.append(measure_means(triad, rng, truth, lasting, n, imu.dt, block))
+        truth = np.einsum("rij,i->rj", c_nb, vector)[..., None]
+        drawn = triad.draw_run(rng, _lasting(triad, rng, labels))
+        means = triad.measure_means(rng, truth, drawn, n, imu.dt, block)
+        printed.append(np.moveaxis(means, 1, 2))
     return [
         Record(
             name=f"recording {i}",
@@ -69,22 +70,12 @@ def recordings(
     ]
 
 
-def _lasting(triad: Triad, rng: np.random.Generator, session: np.ndarray) -> Lasting:
+def _lasting(triad: Triad, rng: np.random.Generator, session: np.ndarray) -> Drawn:
     """One unit's errors, and each session's, one row a recording."""
     unit = triad.draw_unit(rng)
-    own = np.stack([triad.draw_session(rng) for _ in range(int(session.max()) + 1)])
-    rows = np.zeros(len(session), int)
-
-    def each(values: np.ndarray) -> np.ndarray:
-        return np.asarray(values)[None][rows]
-
-    return Lasting(
-        bias=unit.bias_unit + own[session],
-        matrix=each(unit.matrix),
-        g_sensitivity=each(unit.g_sensitivity),
-        bias_per_k=each(unit.bias_per_k),
-        scale_per_k=each(unit.scale_per_k),
-    )
+    own = [triad.draw_session(rng)["bias_session"] for _ in range(int(session.max()) + 1)]
+    each = {name: np.repeat(c[None], len(session), axis=0) for name, c in unit.items()}
+    return each | {"bias_session": np.stack(own)[session]}
 
 
 def without_gain(preset: str, rate_hz: float = 100.0) -> ImuModel:

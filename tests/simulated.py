@@ -50,7 +50,7 @@ def windows(
     for triad, truth in ((imu.gyro, omega), (imu.accel, force)):
         rows = np.empty((count, n, 3))
         for w in range(count):
-            errors = triad.draw_run(rng, triad.draw_unit(rng), triad.draw_session(rng))
+            errors = triad.draw_run(rng, triad.draw_unit(rng) | triad.draw_session(rng))
             block = round(interval / imu.dt)
             repeated = np.repeat(truth[w], block, axis=1)
             rows[w] = triad.measure_means(rng, repeated, errors, n, imu.dt, block).T

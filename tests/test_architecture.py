@@ -188,6 +188,24 @@ def test_nothing_is_unpickled():
         assert "torch.load" not in text
 
 
+def test_nobody_outside_the_sensor_asks_what_type_a_term_is():
+    """The classes of lbgc.sensor's error terms are named in lbgc/sensor alone: all others sum what
+    every term can tell."""
+    rooms = [ROOT / "lbgc/sensor" / f"{name}.py" for name in ("noise", "deterministic", "errors")]
+    trees = (ast.parse(room.read_text()) for room in rooms)
+    classes = {n.name for tree in trees for n in ast.walk(tree) if isinstance(n, ast.ClassDef)}
+    terms = classes - {"Surroundings"}
+    assert {"White", "Flicker", "Ramp", "Proportional"} <= terms
+    for file in FILES:
+        if file.parent.name == "sensor":
+            continue
+        for node in ast.walk(ast.parse(file.read_text())):
+            named = {getattr(node, "id", None), getattr(node, "attr", None)}
+            if isinstance(node, ast.ImportFrom):
+                named |= {alias.name for alias in node.names}
+            assert not named & terms, f"{file}: {named & terms}"
+
+
 def test_files_can_be_read_in_one_sitting():
     for file in FILES:
         assert len(file.read_text().splitlines()) <= 400, file

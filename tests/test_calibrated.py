@@ -44,12 +44,12 @@ def both(tmp_path_factory):
 
 def test_all_lifetimes_taken_out_leave_the_truth(both):
     perfect, loud = both
-    warming = default_config(*LOUD, *ERRORS).imu.model(50.0).warming
+    imu = default_config(*LOUD, *ERRORS).imu.model(50.0)
     indices = np.arange(2)
     for clean, record, errors in zip(
         perfect.records(indices), loud.records(indices), drawn_errors(loud, indices), strict=True
     ):
-        found = calibrated(record, *errors, ("unit", "session", "run"), warming)
+        found = calibrated(record, imu, *errors, ("unit", "session", "run"))
         # stored as float32: 6e-8 of the slew's rate, and of g
         np.testing.assert_allclose(found.gyro, clean.gyro, atol=1e-7 * np.abs(clean.gyro).max())
         np.testing.assert_allclose(found.accel, clean.accel, atol=3e-6)
@@ -61,7 +61,7 @@ def test_one_lifetime_leaves_the_others(both):
     indices = np.arange(1)
     clean, record = next(perfect.records(indices)), next(loud.records(indices))
     gyro, accel = next(drawn_errors(loud, indices))
-    warming = default_config(*LOUD, *ERRORS).imu.model(50.0).warming
-    found = calibrated(record, gyro, accel, ("session",), warming)
-    np.testing.assert_array_equal(found.gyro, record.gyro - gyro.bias_session)
+    imu = default_config(*LOUD, *ERRORS).imu.model(50.0)
+    found = calibrated(record, imu, gyro, accel, ("session",))
+    np.testing.assert_array_equal(found.gyro, record.gyro - gyro["bias_session"])
     assert np.abs(found.accel - clean.accel).max() < np.abs(record.accel - clean.accel).max()

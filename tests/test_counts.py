@@ -9,7 +9,8 @@ from lbgc.report.fitted import spelled
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.report.remarks import remarks
 from lbgc.sensor import counts, fitting, gaussian, resting
-from lbgc.sensor.noise import Flicker, Sinusoid, White
+from lbgc.sensor.deterministic import Sinusoid
+from lbgc.sensor.noise import Flicker, White
 from lbgc.sensor.ordinates import pooled
 
 N, DT, LSB = 30_000, 0.01, 0.0033

@@ -10,7 +10,6 @@ import lbgc.bound
 from lbgc.errors import InputError
 from lbgc.sensor.datasheet import AccelConfig, GyroConfig
 from lbgc.sensor.dither import check_means, quietest, warnings
-from lbgc.sensor.imu import UnitErrors
 
 
 def sensor(name, rate_hz):
@@ -66,7 +65,7 @@ def test_the_dead_band_is_where_rounding_stops_being_noise(rng, offset):
         N = sigma * counts * 1e-6 * 9.80665 * np.sqrt(0.01) * 60
         triad = AccelConfig(vrw_m_per_s_per_sqrt_h=N, lsb_ug=counts).triad()
         truth = np.full((3, 1), (7 + offset) * triad.lsb)
-        errors = triad.draw_run(rng, UnitErrors.none(), np.zeros(3))
+        errors = triad.draw_run(rng, triad.none_drawn())
         y = triad.measure(rng, truth, errors, 400_000, 0.01)[0] * triad.lsb
         means = y.reshape(3, 4000, 100).mean(axis=-1)
         model = triad.N[0] ** 2 + triad.lsb**2 * 0.01 / 12

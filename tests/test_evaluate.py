@@ -18,7 +18,6 @@ from lbgc.bound import course_of, crlb
 from lbgc.data.logs import LogConfig
 from lbgc.errors import build
 from lbgc.estimators.course import Site
-from lbgc.estimators.information import known
 from lbgc.estimators.optimal import information
 from lbgc.evaluate import KNOWN, EvaluateConfig
 from lbgc.metrics import heading_errors, summarise
@@ -395,7 +394,7 @@ def test_a_floor_that_knows_the_units_bias_is_far_below_one_that_does_not(
     assert rows["floor"]["over_floor"] is None
     assert told["rmse_deg"] < 0.5 * rows["floor"]["rmse_deg"]
     assert 0.9 < told["mean_normalised_squared_error"] < 1.1 + 4 * np.sqrt(2 / 450)
-    imu = known(build(ImuConfig, data.configuration["imu"]).model(600.0), ("unit",))
+    imu = build(ImuConfig, data.configuration["imu"]).model(600.0).without("unit")
     course = course_of(ProtocolConfig(), 240.0)
     expected = crlb(information(imu, course, Site.at(np.deg2rad(32.76))))
     assert told["rmse_deg"] == pytest.approx(np.rad2deg(expected), rel=4 * 0.034)

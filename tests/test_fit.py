@@ -20,6 +20,7 @@ from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.sensor import axes, corner, fitting, gaussian, shapes
 from lbgc.sensor.cosines import Grid, density
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.deterministic import Sinusoid
 from lbgc.sensor.noise import (
     AngleQuantisation,
     BandLimited,
@@ -27,7 +28,6 @@ from lbgc.sensor.noise import (
     GaussMarkov,
     Line,
     RandomWalk,
-    Sinusoid,
     White,
 )
 from lbgc.sensor.ordinates import ordinates, pooled

@@ -75,15 +75,16 @@ def test_a_sensors_own_errors_are_in_the_sigma(of):
     residuals show next to nothing of it. 200 windows, the 10% asked for and four sampling errors;
     and what residuals show of an accelerometer's noise counts twice, up to a quarter."""
     count, n, rate = 200, 300, 10.0
-    law = {"N": (1e-5,) * 3, "B": (2e-6,) * 3, "bias_run": (5e-6,) * 3, "K": (2e-7,) * 3}
+    law = {"N": (1e-5,) * 3, "B": (2e-6,) * 3, "K": (2e-7,) * 3}
     scale = 1.0 if of == "gyro" else 2.0
-    triad = replace(getattr(IDEAL, of), **{k: tuple(scale * x for x in v) for k, v in law.items()})
+    triad = getattr(IDEAL, of).with_bias(run=(scale * 5e-6,) * 3)
+    triad = replace(triad, **{k: tuple(scale * x for x in v) for k, v in law.items()})
     imu = replace(IDEAL, dt=1 / rate, **{of: triad})
     rng = np.random.default_rng(8)
     velocity = 1e-6 * rng.standard_normal((count, n + 1, 3))
     made = swaying(count, n / rate, rate, 34.0, (30.0, -20.0), velocity)
     noise = triad.sample_noise(rng, count, n, 1 / rate)
-    noise = noise + rng.standard_normal((count, 1, 3)) * np.array(triad.bias_run)
+    noise = noise + rng.standard_normal((count, 1, 3)) * triad.bias("run")
     w = replace(made.windows, **{of: getattr(made.windows, of) + noise})
     for estimate in (oba, oba_bias):
         found = estimate(w, imu)
@@ -114,7 +115,7 @@ def test_with_a_gyro_bias_the_stated_sigma_is_true(turn_deg_s):
     made = swaying(count, 30.0, 20.0, 34.0, (0.0, 0.0), velocity, turn=turn)
     biased = made.windows.gyro + size * rng.standard_normal((count, 1, 3))
     w = replace(made.windows, gyro=biased)
-    only_bias = replace(IDEAL, gyro=replace(IDEAL.gyro, bias_run=(size,) * 3))
+    only_bias = replace(IDEAL, gyro=IDEAL.gyro.with_bias(run=(size,) * 3))
     found = oba_bias(w, only_bias)
     errors = wrap(found.heading - made.heading)
     nse = np.mean((errors / found.sigma) ** 2)

@@ -26,10 +26,9 @@ COUNT = 300
 
 
 def without_noise(imu: ImuModel, **kept: tuple[float, float, float]) -> ImuModel:
-    none = dict.fromkeys(
-        ("N", "B", "K", "bias_unit", "bias_session", "bias_run", "scale_unit", "misalignment_unit",
-         "g_sensitivity", "tone"), (0.0, 0.0, 0.0))  # fmt: skip
-    return replace(imu, gyro=replace(imu.gyro, **none | kept), accel=replace(imu.accel, **none))
+    none = dict.fromkeys(("N", "B", "K", "tone"), (0.0, 0.0, 0.0))
+    own = imu.without("unit", "session", "run")
+    return replace(own, gyro=replace(own.gyro, **none | kept), accel=replace(own.accel, **none))
 
 
 def only(windows: Windows, samples: int) -> Windows:

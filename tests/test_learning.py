@@ -139,7 +139,7 @@ def test_every_copy_draws_its_own_noise_and_bias(rng):
     means = made.mean(axis=1)
     assert len(np.unique(means[:, 0])) == 1000
     rows = SDC500.sample_noise(rng, 1000, 5, 5.0).mean(axis=1)
-    expected = np.sqrt(rows.var(axis=0) + np.square(SDC500.bias_run))
+    expected = np.sqrt(rows.var(axis=0) + np.square(SDC500.bias("run")))
     np.testing.assert_allclose(means.std(axis=0), expected, rtol=0.1)
 
 

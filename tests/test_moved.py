@@ -56,7 +56,7 @@ def test_no_sensor_at_rest_is_said_to_be_turned(preset):
     truth = np.full((3, 1), EARTH_RATE)
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        errors = triad.draw_run(rng, triad.draw_unit(rng), triad.draw_session(rng))
+        errors = triad.draw_run(rng, triad.draw_unit(rng) | triad.draw_session(rng))
         printed, _ = triad.measure(rng, truth, errors, 18000, 0.2)
         gyro = printed.T * (triad.output_scale(0.2) or 1.0)
         assert moved_finding(recording(gyro, np.zeros_like(gyro), 5.0), True) is None

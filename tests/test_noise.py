@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from lbgc.sensor import gaussian, noise
+from lbgc.sensor.deterministic import Ramp, Sinusoid
 from lbgc.sensor.noise import (
     AngleQuantisation,
     BandLimited,
     Flicker,
     GaussMarkov,
     Line,
-    Ramp,
     RandomWalk,
-    Sinusoid,
     White,
 )
 

@@ -25,7 +25,6 @@ from lbgc.learning.loss import von_mises_nll
 from lbgc.learning.model import ModelConfig, make, moments, von_mises_sigma
 from lbgc.learning.residual import base_heading, inputs
 from lbgc.learning.stream import Streamed
-from lbgc.sensor.batch import Lasting, measure_means
 from lbgc.train import TrainConfig
 
 POOL = ModelConfig("pool", "pool", output="vonmises", base="mean")
@@ -145,21 +144,20 @@ def test_many_at_once_have_the_law_of_one_by_one(rng):
     """Covariance over a recording's blocks of 4,000 draws against the same of `Triad`'s own:
     each variance is known to 2.2%, so five sigma of a ratio is 16%."""
     n, dt, block, count = 6, 1 / 600, 3000, 4000
-    none = np.zeros((count, 3, 3))
-    lasting = Lasting(none[:, 0] + 1e-6, none, none, none[:, 0], none[:, 0])
-    truth = np.zeros((count, 1, 3))
-    many = measure_means(GYRO, rng, truth, lasting, n, dt, block)
+    clean = GYRO.none_drawn() | {"bias_unit": np.full(3, 1e-6)}
+    each = {name: np.repeat(values[None], count, axis=0) for name, values in clean.items()}
+    truth = np.zeros((count, 3, 1))
+    many = GYRO.measure_means(rng, truth, GYRO.draw_run(rng, each), n, dt, block)
+    many = np.moveaxis(many, 1, 2)
     one = np.empty((count, n, 3))
-    unit = GYRO.draw_unit(rng)
-    clean = replace(unit, bias_unit=np.full(3, 1e-6), matrix=np.zeros((3, 3)))
     for row in one:
-        errors = GYRO.draw_run(rng, clean, np.zeros(3))
-        row[:] = GYRO.measure_means(rng, np.zeros((3, 1)), errors, n, dt, block).T
+        drawn = GYRO.draw_run(rng, clean)
+        row[:] = GYRO.measure_means(rng, truth[0], drawn, n, dt, block).T
     for axis in range(3):
         spread = [np.cov(v[..., axis].T) for v in (many, one)]
         np.testing.assert_allclose(np.diag(spread[0]), np.diag(spread[1]), rtol=0.16)
         np.testing.assert_allclose(spread[0][0, -1], spread[1][0, -1], rtol=0.16)
-    bias = np.array(GYRO.bias_run)
+    bias = GYRO.bias("run")
     np.testing.assert_allclose(many.mean(axis=(0, 1)), 1e-6, atol=float(6 * bias.max() / 63))
 
 
@@ -174,8 +172,11 @@ def test_a_streamed_bench_is_the_stored_one(tmp_path):
     source = Streamed.of(made, np.arange(2), stored)
     inside = slice(2, -2)
     rate, force = source._truth(np.arange(2), stored.heading, inside)
-    np.testing.assert_allclose(rate, stored.windows.gyro[:, inside], atol=3e-7)
-    np.testing.assert_allclose(force, stored.windows.accel[:, inside], atol=1e-4)
+    for felt, printed, atol in (
+        (rate, stored.windows.gyro, 3e-7),
+        (force, stored.windows.accel, 1e-4),
+    ):
+        np.testing.assert_allclose(np.swapaxes(felt, 1, 2), printed[:, inside], atol=atol)
 
 
 def test_a_moving_bench_cannot_be_streamed(tmp_path):

@@ -161,7 +161,7 @@ def test_counts_that_carry_their_rest_over_nearly_repeat_and_are_not_pasted():
     both = []
     truths = (earth_rate_ned(0.5), [0.0, 0.0, -9.79])
     for triad, truth in zip((imu.gyro, imu.accel), truths, strict=True):
-        errors = triad.draw_run(rng, triad.draw_unit(rng), triad.draw_session(rng))
+        errors = triad.draw_run(rng, triad.draw_unit(rng) | triad.draw_session(rng))
         both.append(triad.measure(rng, (lean.T @ truth)[:, None], errors, 18_000, 0.1)[0].T)
     values = np.hstack(both).astype(float)
     assert pasted(values) == []

@@ -12,6 +12,7 @@ from lbgc.data.findings import Finding
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
+from lbgc.sensor.errors import FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
@@ -113,15 +114,14 @@ def stated_errors(gyro: Triad, duration_s: float) -> np.ndarray | None:
     """1 sigma of what is stated of the gyros' mean over a recording at rest, noise that averages
     out aside, (3,), rad/s. None where no bias is stated: that is no statement that there is none.
     """
-    lifetimes = [np.square(getattr(gyro, f"bias_{life}")) for life in ("unit", "session", "run")]
-    bias = np.sum(lifetimes, axis=0)
+    bias = gyro.bias() ** 2
     if not bias.any():
         return None
     slow = 2 * np.square(gyro.B) + np.square(gyro.K) * duration_s + np.square(gyro.gauss_markov)
     slow = slow + np.square(gyro.R) * duration_s**2 / 4
-    felt = np.square(gyro.g_sensitivity) * normal_gravity(0.0) ** 2
-    felt = felt + np.square(gyro.bias_per_k) * 30.0**2  # a sensor's usual warming, K
-    turned = (np.square(gyro.scale_unit) + 2 * np.square(gyro.misalignment_unit)) * EARTH_RATE**2
+    felt = gyro.variance(FORCE).max(axis=1) * normal_gravity(0.0) ** 2
+    felt = felt + gyro.variance(ONE, warms=True).diagonal() * 30.0**2  # a sensor's usual rise, K
+    turned = gyro.variance(TRUTH).sum(axis=1) * EARTH_RATE**2
     return np.sqrt(bias + slow + felt + turned)
 
 

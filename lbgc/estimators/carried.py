@@ -9,20 +9,16 @@ Both are smooth: what a fit takes for north it leaves nothing of. So a fit's sig
 sensor's model. What does not add up (counting, tones) is left to the residuals, which show it.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import scipy.linalg
 
 from lbgc.data.windows import Windows
-from lbgc.earth import normal_gravities
 from lbgc.estimators import drift
-from lbgc.sensor import gaussian, noise
+from lbgc.sensor import gaussian
 from lbgc.sensor.imu import ImuModel, Triad
 
 _BLOCKS = 60
 """Weights over a window are as smooth as a cubic."""
-_NONE = (0.0, 0.0, 0.0)
 
 
 def variance(windows: Windows, imu: ImuModel, c_ib: np.ndarray, g: np.ndarray) -> np.ndarray:
@@ -35,19 +31,16 @@ def variance(windows: Windows, imu: ImuModel, c_ib: np.ndarray, g: np.ndarray) -
     block = -(-n // _BLOCKS)
     starts = np.arange(0, n, block)
     h = block * dt
-    gravity = normal_gravities(windows.latitude)
     force = _summed(g) * dt  # by each sample's specific force, and below by its rate
     x, y = np.moveaxis(_summed(force) * dt, -1, 0)
     along_force = np.pad(force, ((0, 0), (0, 0), (0, 1)))
     along_rate = np.stack([y, -x, np.zeros_like(x)], axis=-1)
     total = np.zeros(len(windows))
-    of_gyro = replace(imu, gyro=replace(imu.gyro, B=_NONE))
-    of_accel = replace(imu, accel=replace(imu.accel, B=_NONE))
-    when = windows.duration_s, windows.start_s
+    when = drift.When.of(windows)
     for triad, law, weights in (
-        (imu.gyro, drift.of_gyro(of_gyro, *when, windows.latitude, gravity),
-         along_rate * gravity[:, None, None]),
-        (imu.accel, drift.of_accel(of_accel, *when, gravity), along_force),
+        (imu.gyro, drift.of_gyro(imu, when, processes=False),
+         along_rate * when.gravity[:, None, None]),
+        (imu.accel, drift.of_accel(imu, when, processes=False), along_force),
     ):  # fmt: skip
         turned = np.einsum("wtij,wti->wtj", c_ib, np.broadcast_to(weights, c_ib.shape[:-1]))
         total += _of_triad(triad, law, np.add.reduceat(turned, starts, axis=1), h)
@@ -60,17 +53,18 @@ def _summed(weights: np.ndarray) -> np.ndarray:
 
 
 def _of_triad(triad: Triad, law: drift.Drift, weights: np.ndarray, h: float) -> np.ndarray:
-    """weights : (W, n, 3), of means over h seconds; law : without flicker, taken exactly."""
+    """weights : (W, n, 3), of means over h seconds; law : without first-order processes, which are
+    taken exactly."""
     n = weights.shape[1]
     later = _summed(weights)
     total = np.einsum("wj,wj->w", later[:, 0] ** 2, law.constant)
     total += np.einsum("wtj,wj->w", later**2, law.walk) * h
     for axis in range(3):
-        row = law.wander[axis] * np.exp(-np.arange(n) * h / law.time[axis])
-        row[0] += law.white[axis] / h
-        flicker = tuple(t for t in triad.terms[axis] if isinstance(t, noise.Flicker))
-        if flicker:
-            row += gaussian.autocovariance_of_means(flicker, n, h)
+        row = np.zeros(n)
+        row[0] = law.white[axis] / h
+        wandering = tuple(term for term in triad.terms[axis] if term.processes)
+        if wandering:
+            row += gaussian.autocovariance_of_means(wandering, n, h)
         own = weights[..., axis]
         total += np.einsum("wt,wt->w", own @ scipy.linalg.toeplitz(row), own)
     return np.asarray(total)

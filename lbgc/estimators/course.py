@@ -14,19 +14,12 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravity
-from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, turned, unrepeated
+from lbgc.estimators.plate import mean_angle, mean_turn, tilt_of, travel_within, usable
+from lbgc.frames import turned, unrepeated
 
 MOST_BLOCKS = 240
 ENCODER = np.deg2rad(0.01)
 """rad, 1 sigma, of a plate's angle as an encoder tells it."""
-_RESTS = np.deg2rad(1e-4)
-"""Travel from block to block, rad, below which the plate rests."""
-_STEADY = np.deg2rad(0.003)
-"""Change of travel from block to block, rad, in a steady turn, at most; an encoder has steps."""
-_ALONE = np.deg2rad(1e-6)
-"""Travel, or change of it, rad, below which one neighbour alone tells: a slew that begins in a
-block's last hundredth moves its mean angle by little more than that, and its mean rate by much."""
 _PARTS = ("blocks", "lengths", "angle", "rate", "turned", "squared", "unsure")
 _Part: TypeAlias = tuple[int, int, float, float, complex, float, float]
 _MOVES = 0.02  # of the fastest
@@ -155,7 +148,7 @@ class Course:
         rate = travel_within(of_blocks) / interval
         if settling is not None:
             used = used & ~settling
-        turned = np.exp(1j * of_blocks) * np.sinc(rate * interval / (2 * np.pi))
+        turned = mean_turn(of_blocks, rate * interval)
         single = ((int(k), 1, of_blocks[k], rate[k], turned[k]) for k in np.flatnonzero(used))
         parts = [
             (k, n, float(at), float(w), complex(mean), float(w**2), 0.0)
@@ -181,7 +174,7 @@ def _slew(
     moving = int(np.sum(np.abs(travel) > _MOVES * np.abs(travel).max()))
     if moving < 2 or np.abs(np.diff(around)).max() > _TOLD:
         return []
-    turned = np.mean(np.exp(1j * samples) * np.sinc(travel / (2 * np.pi)))
+    turned = np.mean(mean_turn(samples, travel))
     rate = (of_blocks[last + 1] - of_blocks[before]) / (length * interval)
     squared = np.mean((travel * size / interval) ** 2)
     # what a steady rate within each sample does to it; or a jump, where few samples tell them apart
@@ -192,36 +185,6 @@ def _slew(
 
 def _columns(parts: Iterable[_Part]) -> tuple[tuple[Any, ...], ...]:
     return tuple(zip(*parts, strict=True)) or ((),) * len(_PARTS)
-
-
-def usable(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which blocks tell of north, and in which the plate rests, bool (*S, n) both.
-
-    angle : (*S, n), rad, unwrapped, the plate's mean over each block. A plate that turns for most
-    of a window is on a carousel: what tells is where its rate is steady. Else it is the rests.
-    """
-    n = angle.shape[-1]
-    travel = np.diff(angle, axis=-1) if n > 1 else np.zeros_like(angle)
-    before = np.concatenate([travel[..., :1], travel], axis=-1)[..., :n]
-    after = np.concatenate([travel, travel[..., -1:]], axis=-1)[..., :n]
-    moves = np.abs(before), np.abs(after)
-    resting = (np.maximum(*moves) < _RESTS) | (np.minimum(*moves) < _ALONE)
-    change = np.abs(after - before)
-    steady = change < _STEADY
-    steady[..., 0] = steady[..., -1] = False
-    if n > 2:  # an end has but one neighbour to tell by
-        steady[..., 0], steady[..., -1] = change[..., 1] < _ALONE, change[..., -2] < _ALONE
-    steady &= ~resting
-    carousel = steady.mean(axis=-1, keepdims=True) > 0.5
-    return np.where(carousel, steady, resting), resting
-
-
-def travel_within(angle: np.ndarray) -> np.ndarray:
-    """What the plate travels within each block, rad, (*S, n), by their mean angles; none at rest.
-    Of a block in which it speeds up or slows down, this is not what it travels."""
-    if angle.shape[-1] == 1:
-        return np.zeros_like(angle)
-    return np.where(usable(angle)[1], 0.0, np.gradient(angle, axis=-1))
 
 
 @dataclass(frozen=True)
@@ -315,25 +278,6 @@ def block_size(samples: int) -> int:
     least = -(-samples // MOST_BLOCKS)
     whole = (k for k in range(least, least + least // 4 + 1) if samples % k == 0)
     return next(whole, least)
-
-
-def mean_angle(reading: np.ndarray, rate_hz: float, sample_s: float | None) -> np.ndarray:
-    """The plate's mean angle over each sample (or mean of samples), (W, T), rad: an encoder is read
-    at a sample's end, and turns on for half of it. sample_s : the sensor's own interval; None where
-    the reading is of samples."""
-    if sample_s is None or sample_s * rate_hz > 0.999:
-        steps = np.diff(reading, axis=1, prepend=reading[:, :1])
-        if reading.shape[1] > 1:
-            steps[:, 0] = steps[:, 1]
-        return np.asarray(reading - steps / 2)
-    return np.asarray(reading - sample_s * rate_hz / 2 * travel_within(reading))
-
-
-def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
-    """Rotation from the base's axes to level ones, (W, 3, 3).
-
-    angle : (W, n or 1), rad, the plate's; accel : (W, n, 3), specific force in the body's axes."""
-    return euler_to_matrix(*level(turned(accel, angle).mean(axis=1)), 0.0)
 
 
 def _turned_level(values: np.ndarray, angle: np.ndarray, tilt: np.ndarray) -> np.ndarray:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lbgc.earth import EARTH_RATE
-from lbgc.sensor import noise
+from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE, normal_gravities
+from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings
 from lbgc.sensor.imu import ImuModel, Triad
 
 _SHORT, _LONG = 0.1, 2.0
@@ -40,91 +41,102 @@ class Drift:
     """s, its correlation time"""
 
 
-def of_gyro(
-    imu: ImuModel, duration_s: float, start_s: np.ndarray, latitude: np.ndarray, gravity: np.ndarray
-) -> Drift:
-    """start_s, latitude (rad), gravity (m/s^2) : (W,). What z's rate makes in x and y, and its own
-    scale error, are no part of it: they turn with the plate's rate, and are states of their own."""
-    of_scale = np.square(imu.gyro.scale_unit) + np.square(imu.gyro.misalignment_unit)
-    of_north = np.outer(np.square(EARTH_RATE * np.cos(latitude)) / 2, of_scale)
-    of_force = np.outer(gravity**2, np.square(imu.gyro.g_sensitivity))
-    return _drift(imu, imu.gyro, duration_s, start_s, of_north + of_force, _LEAST[0])
+@dataclass(frozen=True)
+class When:
+    """Where W windows lie in time and on Earth."""
+
+    duration_s: float
+    start_s: np.ndarray
+    """(W,), s since the recording's start"""
+    latitude: np.ndarray
+    """(W,), rad"""
+    gravity: np.ndarray
+    """(W,), m/s^2"""
+
+    @classmethod
+    def of(cls, windows: Windows) -> "When":
+        gravity = normal_gravities(windows.latitude)
+        return cls(windows.duration_s, windows.start_s, windows.latitude, gravity)
 
 
-def of_accel(
-    imu: ImuModel, duration_s: float, start_s: np.ndarray, gravity: np.ndarray
-) -> Drift:  # fmt: skip
-    x, y, _ = np.square(imu.accel.misalignment_unit)
-    of_gravity = np.outer(gravity**2, (x, y, np.square(imu.accel.scale_unit[2])))
-    return _drift(imu, imu.accel, duration_s, start_s, of_gravity, _LEAST[1])
+def of_gyro(imu: ImuModel, when: When, processes: bool = True, warming_bias: bool = True) -> Drift:
+    """The gyros' drift. What a rate about z makes in each of them is no part of it: that turns with
+    the plate's rate, and is a state of its own (see `turning`).
+
+    processes, warming_bias : whether first-order processes, and biases that grow with the
+    temperature, are part of it: those who have them exactly leave them out.
+    """
+    horizontal = np.square(EARTH_RATE * np.cos(when.latitude)) / 2
+    none = np.zeros_like(horizontal)
+    felt = {TRUTH: np.stack([horizontal, horizontal, none], axis=1), FORCE: _down(when.gravity)}
+    return _drift(imu, imu.gyro, when, felt, _LEAST[0], processes, warming_bias)
+
+
+def of_accel(imu: ImuModel, when: When, processes: bool = True) -> Drift:
+    """The accelerometers' drift; processes : as of the gyros."""
+    down = _down(when.gravity)
+    return _drift(imu, imu.accel, when, {TRUTH: down, FORCE: down}, _LEAST[1], processes, True)
+
+
+def _down(gravity: np.ndarray) -> np.ndarray:
+    """Mean square of the specific force along each axis of a level body, (W, 3)."""
+    none = np.zeros_like(gravity)
+    return np.stack([none, none, gravity**2], axis=1)
+
+
+def turning(imu: ImuModel, when: When) -> np.ndarray:
+    """Variance of what each gyro makes of a rate about z, by that rate, (W, 3): misalignment, and
+    z's scale factor, with what they have warmed by in the middle of a window."""
+    warmth = rise(imu.warming, when.start_s + when.duration_s / 2)
+    steady, warm = (imu.gyro.variance(TRUTH, warms)[:, 2] for warms in (False, True))
+    return np.asarray(steady + np.outer(warmth**2, warm))
 
 
 def _drift(
     imu: ImuModel,
     triad: Triad,
-    duration_s: float,
-    start_s: np.ndarray,
-    other: np.ndarray,
+    when: When,
+    felt: dict[str, np.ndarray],
     least: float,
+    processes: bool,
+    warming_bias: bool,
 ) -> Drift:
-    white, wander, time = (np.zeros(3) for _ in range(3))
-    constant = other + sum(
-        np.square(b) for b in (triad.bias_unit, triad.bias_session, triad.bias_run)
-    )
-    warm, warmer = (rise(imu, start_s + shift) for shift in (0.0, duration_s))
-    constant = constant + np.outer(warm**2, np.square(triad.bias_per_k))
-    walk = np.outer((warmer - warm) ** 2 / duration_s, np.square(triad.bias_per_k))
+    """felt : mean square of what errors that are drawn once follow, (W, 3)."""
+    white, angle, wander, time = (np.zeros(3) for _ in range(4))
+    start, end = when.start_s, when.start_s + when.duration_s
+    felt = {ONE: np.ones((len(start), 3)), **felt}
+    constant, walk = np.zeros((len(start), 3)), np.zeros((len(start), 3))
+    warm, warmer = (rise(imu.warming, at) for at in (start, end))
+    for error in triad.drawn:
+        own = felt[error.follows] @ np.square(error.sigma).T
+        if not error.warms:
+            constant += own
+        elif warming_bias or error.follows != ONE:
+            constant += warm[:, None] ** 2 * own
+            walk += (warmer - warm)[:, None] ** 2 / when.duration_s * own
     for axis in range(3):
         between: list[tuple[float, float]] = []
-        for s, T in _processes(triad, axis):
-            if duration_s * _SHORT > T:
-                white[axis] += 2 * s * T
-            elif duration_s * _LONG < T:
-                constant[:, axis] += s
-                walk[:, axis] += 2 * s / T
-            else:
-                between.append((s, T))
+        for term in triad.in_run(axis, imu.dt):
+            own = term.reduced(start, when.duration_s)
+            white[axis] += own.white
+            angle[axis] += own.angle
+            constant[:, axis] += own.constant
+            walk[:, axis] += own.walk
+            for s, T in term.processes if processes else ():
+                if when.duration_s * _SHORT > T:
+                    white[axis] += 2 * s * T
+                elif when.duration_s * _LONG < T:
+                    constant[:, axis] += s
+                    walk[:, axis] += 2 * s / T
+                else:
+                    between.append((s, T))
         if between:
             s, T = np.transpose(between)
             wander[axis], time[axis] = s.sum(), np.exp(s @ np.log(T) / s.sum())
-    K, R = np.square(triad.K), np.square(triad.R)
-    constant = constant + np.outer(start_s, K) + np.outer((start_s + duration_s / 2) ** 2, R)
-    white += np.square(triad.N) + least**2
-    if triad.lsb is not None:
-        white += triad.lsb**2 * imu.dt / 12
-    angle = of_integral(triad)
-    return Drift(
-        white, angle, constant, walk + K + R * duration_s, wander, np.where(time > 0, time, 1.0)
-    )
+    return Drift(white + least**2, angle, constant, walk, wander, np.where(time > 0, time, 1.0))
 
 
-def rise(imu: ImuModel, time_s: np.ndarray) -> np.ndarray:
-    """Rise of temperature since power-up, K, at times (W,) since the recording's start."""
-    since = (imu.warming.since_power_up_s + time_s) / imu.warming.time_s
-    return np.asarray(imu.warming.rise_k * -np.expm1(-since))
-
-
-def _processes(triad: Triad, axis: int) -> list[tuple[float, float]]:
-    """Variance and correlation time of every first-order process in an axis."""
-    found: list[tuple[float, float]] = []
-    for term in triad.terms[axis]:
-        if isinstance(term, noise.Flicker):
-            found += zip(term.variances().tolist(), term.correlation_times().tolist(), strict=True)
-        elif isinstance(term, noise.GaussMarkov):
-            found.append((term.sigma**2, term.T))
-    return found
-
-
-def of_integral(triad: Triad) -> np.ndarray:
-    """Variance, (3,), of what errs in the integral and does not add up: counting, tones, lines."""
-    carried = 0.0 if triad.carried_lsb is None else triad.carried_lsb**2 / 12
-    total = np.square(triad.Q) + carried
-    for size, hz in (
-        (np.array(triad.tone) / np.sqrt(2), triad.tone_hz),
-        *((s, f) for s, f, *_ in triad.lines),
-    ):
-        there = np.array(size) > 0
-        total = total + np.square(
-            np.where(there, size, 0.0) / np.where(there, 2 * np.pi * np.array(hz), 1.0)
-        )
-    return total
+def rise(warming: Surroundings, time_s: np.ndarray) -> np.ndarray:
+    """Rise of temperature since power-up, K, at times (*S) since the recording's start."""
+    since = (warming.since_power_up_s + time_s) / warming.time_s
+    return np.asarray(warming.rise_k * -np.expm1(-since))

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lbgc.data.windows import Windows
-from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravities, normal_gravity
+from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.estimators import carried, circle, drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.linear import check
@@ -152,10 +152,9 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.
     if imu is None:
         of_any = np.full((len(windows), 3), _ANY_BIAS)
         return of_any, of_any
-    g = normal_gravities(windows.latitude)
-    law = drift.of_gyro(imu, windows.duration_s, windows.start_s, windows.latitude, g)
-    of_z = np.square([*imu.gyro.misalignment_unit[:2], imu.gyro.scale_unit[2]])
-    turning = np.outer(np.mean(windows.gyro[..., 2], axis=1) ** 2, of_z)
+    when = drift.When.of(windows)
+    law = drift.of_gyro(imu, when)
+    turning = np.mean(windows.gyro[..., 2], axis=1)[:, None] ** 2 * drift.turning(imu, when)
     every = np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS
     return np.sqrt(turning), np.asarray(every)
 

@@ -32,18 +32,20 @@ of a second blur a sway of one or two cycles a second: there sigma is too large,
 (`oba` sees the samples).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.earth import EARTH_RATE, normal_gravities
+from lbgc.earth import EARTH_RATE
 from lbgc.estimators import drift
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.information import bayes
 from lbgc.estimators.linear import check, needs_model
+from lbgc.estimators.plate import mean_turn
 from lbgc.estimators.steps import Steps, coarse, cut_steps, sway
 from lbgc.frames import matrix_to_euler, rotation_matrix, rotation_z, skew, wrap
+from lbgc.sensor.errors import ONE
 from lbgc.sensor.imu import ImuModel
 
 PHI, V, Q, BG, BA, M, WG, WA, T = (
@@ -89,7 +91,9 @@ def ekf(windows: Windows, imu: ImuModel | None = None) -> Estimate:
 def _answer(windows: Windows, imu: ImuModel) -> Estimate:
     samples = windows.gyro.shape[1]
     steps = cut_steps(windows, imu, -(-samples // _MOST_STEPS), False, "ekf")
-    quiet = np.full(len(windows), _STILL**2 + drift.of_integral(imu.accel).max())
+    quiet = np.full(
+        len(windows), _STILL**2 + drift.of_accel(imu, drift.When.of(windows)).angle.max()
+    )
     found, surprise = _filter(windows, imu, steps, quiet, still=True)
     moves = np.flatnonzero(surprise > _MOVES)
     if not len(moves):
@@ -166,24 +170,23 @@ class _Law:
 
     @classmethod
     def of(cls, windows: Windows, imu: ImuModel, steps: Steps, still: bool) -> "_Law":
-        latitude, start_s = windows.latitude, windows.start_s
+        latitude, when = windows.latitude, drift.When.of(windows)
         w, h = len(windows), steps.interval
-        g = normal_gravities(latitude)
-        none = (0.0, 0.0, 0.0)  # how a bias changes by the kelvin is a state of its own
-        steady = replace(imu, gyro=replace(imu.gyro, bias_per_k=none))
-        gyro = drift.of_gyro(steady, windows.duration_s, start_s, latitude, g)
-        accel = drift.of_accel(imu, windows.duration_s, start_s, g)
+        # How a bias changes by the kelvin is a state of its own.
+        by_kelvin = imu.gyro.variance(ONE, warms=True).diagonal()
+        gyro = drift.of_gyro(imu, when, warming_bias=False)
+        accel = drift.of_accel(imu, when)
         earth = np.zeros((w, 3, 2))
         earth[:, 0, 0] = EARTH_RATE * np.cos(latitude)
         earth[:, 1, 1] = -earth[:, 0, 0]
         vertical, gravity = np.zeros((w, 3)), np.zeros((w, 3))
-        vertical[:, 2], gravity[:, 2] = -EARTH_RATE * np.sin(latitude), g
-        warms = imu.warming.rise_k != 0 and any(imu.gyro.bias_per_k)
+        vertical[:, 2], gravity[:, 2] = -EARTH_RATE * np.sin(latitude), when.gravity
+        warms = imu.warming.rise_k != 0 and by_kelvin.any()
         states = T.stop if warms else _STATES
         start, driven, decay = np.zeros((w, states)), np.zeros((w, states)), np.ones(states)
         start[:, PHI] = _TILT_SIGMA**2, _TILT_SIGMA**2, 0.0
         start[:, V], start[:, Q] = _SHAKEN**2, _Q_SIGMA**2
-        start[:, M] = np.square([*imu.gyro.misalignment_unit[:2], imu.gyro.scale_unit[2]])
+        start[:, M] = drift.turning(imu, when)
         for law, constant, wanders in ((gyro, BG, WG), (accel, BA, WA)):
             start[:, constant], start[:, wanders] = law.constant, law.wander
             driven[:, constant] = law.walk * h
@@ -195,9 +198,9 @@ class _Law:
         driven[:, V] = accel.white * h
         warmth = None
         if warms:
-            start[:, T] = np.square(imu.gyro.bias_per_k)
+            start[:, T] = by_kelvin
             middles = (np.arange(steps.angle.shape[1]) + 0.5) * h
-            warmth = drift.rise(imu, start_s[:, None] + middles)
+            warmth = drift.rise(imu.warming, when.start_s[:, None] + middles)
         return cls(gyro, accel, earth, vertical, gravity, start, decay, driven, warmth)
 
 
@@ -289,7 +292,7 @@ def _innovation(
     earth = law.vertical + np.einsum("wij,wj->wi", law.earth, state.q)
     half = steps.half[:, k] * steps.even[:, k]
     c_bn = np.swapaxes(state.c_nb @ rotation_z(-half), 1, 2)  # in the middle, and its mean
-    c_bn[:, :2] *= np.sinc(half / np.pi)[:, None, None]
+    c_bn[:, :2] *= mean_turn(0 * half, 2 * half).real[:, None, None]
     warmth = law.warmth_at(k)
     of_gyro = state.of_gyro(rate, warmth)
     z = np.zeros((len(rate), 7))

@@ -23,9 +23,9 @@ import numpy as np
 
 from lbgc.earth import EARTH_RATE
 from lbgc.estimators.course import ENCODER, Course, Site
-from lbgc.estimators.information import LIFETIMES
-from lbgc.sensor import gaussian, noise
-from lbgc.sensor.imu import ImuModel, Triad
+from lbgc.sensor import errors
+from lbgc.sensor.deterministic import InRun
+from lbgc.sensor.imu import ImuModel
 
 CHANNELS = 6
 PATTERNS = 9
@@ -57,7 +57,7 @@ def patterns(imu: ImuModel, course: Course) -> np.ndarray:
     return np.stack(every, axis=1)
 
 
-def felt(base: np.ndarray, u: np.ndarray) -> np.ndarray:
+def felt_of(base: np.ndarray, u: np.ndarray) -> np.ndarray:
     """A vector u (3,) of the level axes as the body's three channels feel it, by patterns: (G, 3,
     PATTERNS). base : (G, 3, 3), L."""
     b = np.swapaxes(base, 1, 2) @ u
@@ -95,7 +95,7 @@ def signal(base: np.ndarray, site: Site) -> Signal:
     north, down, g = site.north, site.down, site.gravity
 
     def both(rate: tuple[float, float, float], force: tuple[float, float, float]) -> np.ndarray:
-        return np.concatenate([felt(base, np.array(rate)), felt(base, np.array(force))], axis=1)
+        return np.concatenate([felt_of(base, np.array(u)) for u in (rate, force)], axis=1)
 
     none = (0.0, 0.0, 0.0)
     return Signal(
@@ -114,46 +114,26 @@ def causes(imu: ImuModel, base: np.ndarray, site: Site) -> dict[str, np.ndarray]
     turning[:, 2, RATE] = 1.0
     horizontal = [part[:, GYRO] / np.sqrt(2) for part in earth.q]  # squared, averaged over headings
     rates = [*horizontal, earth.known[:, GYRO] + turning]
+    levers = [_channel(axis, _one(len(base), SQUARE, _LEVER_M)) for axis in (0, 1)]
+    one = np.zeros_like(force)
+    one[..., ONE] = 1.0
     found: dict[str, list[np.ndarray]] = {}
     for rows, triad, truths, own in (
         (GYRO, imu.gyro, rates, ""),
         (ACCEL, imu.accel, [force], "accelerometer "),
     ):
-        for name, coefficients in _of_triad(triad, truths):
-            found.setdefault(own + name, []).append(_on(rows, coefficients))
-    for axis, size in enumerate(imu.gyro.g_sensitivity):
-        every = [force[:, j] * size for j in range(3)]
-        every += 2 * [_one(len(base), SQUARE, size * _LEVER_M)]
-        for coefficients in every:
-            found.setdefault("g-sensitivity", []).append(_on(GYRO, _channel(axis, coefficients)))
-    for axis in (0, 1):
-        lever = _channel(axis, _one(len(base), SQUARE, _LEVER_M))
-        found.setdefault("accelerometer lever arm", []).append(_on(ACCEL, lever))
+        felt = {errors.ONE: [one], errors.TRUTH: truths, errors.FORCE: [force, *levers]}
+        for error in triad.drawn:
+            each = found.setdefault(own + error.cause, [])
+            for axis, c in (one for part in felt[error.follows] for one in error.along(part)):
+                warmed = np.pad(c[:, :SQUARE], ((0, 0), (WARM, 0))) if error.warms else c
+                each.append(_on(rows, _channel(axis, warmed)))
+    found["accelerometer lever arm"] = [_on(ACCEL, lever) for lever in levers]
     found["gravity"] = [_GRAVITY * _on(ACCEL, force)]
-    vertical = felt(base, np.array([0.0, 0.0, -site.north * _LATITUDE]))
+    vertical = felt_of(base, np.array([0.0, 0.0, -site.north * _LATITUDE]))
     found["latitude"] = [_on(GYRO, vertical)]
-    stacked = {name: np.stack(each, axis=1) for name, each in found.items()}
+    stacked = {name: np.stack(each, axis=1) for name, each in found.items() if each}
     return {name: c[:, c.any(axis=(0, 2, 3))] for name, c in stacked.items() if c.any()}
-
-
-def _of_triad(triad: Triad, truths: list[np.ndarray]) -> list[tuple[str, np.ndarray]]:
-    """Biases, scale factors and misalignments, warming up; truths : what the triad feels, parts
-    that are independent of each other, (G, 3, PATTERNS) each."""
-    found, count = [], len(truths[0])
-    for i in range(3):
-        for lifetime in LIFETIMES:
-            size = getattr(triad, f"bias_{lifetime}")[i]
-            found.append((f"bias of the {lifetime}", _channel(i, _one(count, ONE, size))))
-        warmer = _channel(i, _one(count, WARM, triad.bias_per_k[i]))
-        found.append(("warming up", warmer))
-        for truth in truths:
-            for j in range(3):
-                size = triad.scale_unit[i] if i == j else triad.misalignment_unit[i]
-                found.append(("scale and misalignment", _channel(i, size * truth[:, j])))
-            warm = np.zeros_like(truth[:, i])
-            warm[:, WARM:] = triad.scale_per_k[i] * truth[:, i, :SQUARE]
-            found.append(("warming up", _channel(i, warm)))
-    return found
 
 
 def _one(count: int, pattern: int, size: float) -> np.ndarray:
@@ -188,16 +168,12 @@ def within(imu: ImuModel, course: Course) -> dict[str, np.ndarray]:
 
 def _within(imu: ImuModel, course: Course) -> Iterator[tuple[str, int, np.ndarray]]:
     """Name, channel and covariance (n, n), one after the other."""
-    names = {noise.White: "white noise", noise.BandLimited: "white noise",
-             noise.Flicker: "bias instability", noise.RandomWalk: "random walk"}  # fmt: skip
     for first, triad in ((0, imu.gyro), (3, imu.accel)):
         for axis in range(3):
-            for term in triad.terms[axis]:
-                name = names.get(type(term), "other noise")
-                yield name, first + axis, _of_term(term, course)
-            yield "other noise", first + axis, _not_gaussian(imu, triad, axis, course)
-    errors = ENCODER * course.encoder_errors()
-    yield "encoder", 2, errors @ errors.T
+            for term in triad.in_run(axis, imu.dt):
+                yield term.cause, first + axis, _of_term(term, course)
+    misread = ENCODER * course.encoder_errors()
+    yield "encoder", 2, misread @ misread.T
     unsure = np.diag(np.square(EARTH_RATE * np.array(course.unsure)))
     yield from (("encoder", channel, unsure) for channel in (0, 1))
     if course.slewing.any():  # what an accelerometer feels there is the slew's
@@ -209,19 +185,17 @@ def _within(imu: ImuModel, course: Course) -> Iterator[tuple[str, int, np.ndarra
 def timeless(imu: ImuModel) -> bool:
     """Whether its errors in a window have the same law whenever the recording began: nothing warms
     up, and no term's state spreads as time goes on."""
-    warms = any(any(t.bias_per_k) or any(t.scale_per_k) for t in (imu.gyro, imu.accel))
-    if (imu.warming.rise_k != 0 and warms) or any(imu.gyro.R) or any(imu.accel.R):
+    triads = (imu.gyro, imu.accel)
+    if imu.warming.rise_k != 0 and any(e.warms and e.sigma.any() for t in triads for e in t.drawn):
         return False
-    models = [
-        term.means_model(1.0) for t in (imu.gyro, imu.accel) for axis in t.terms for term in axis
-    ]
-    steps = [(m.A @ m.P0 @ m.A.T + m.Q, m.P0) for m in models if len(m.C)]
-    return all(np.abs(later - p).max() <= 1e-7 * np.abs(later).max() for later, p in steps)
+    return all(
+        term.is_stationary for t in triads for axis in range(3) for term in t.in_run(axis, imu.dt)
+    )
 
 
 @lru_cache(maxsize=16)  # as many as one course's axes share; each may have half a megabyte
-def _of_term(term: gaussian.GaussianTerm, course: Course) -> np.ndarray:
-    whole = gaussian.covariance_of_means((term,), course.count, course.interval, 1, course.start)
+def _of_term(term: InRun, course: Course) -> np.ndarray:
+    whole = term.covariance_of_means(course.count, course.interval, 1, course.start)
     return _averaged(whole, course)
 
 
@@ -231,26 +205,6 @@ def _averaged(covariance: np.ndarray, course: Course) -> np.ndarray:
         return covariance[np.ix_(course.blocks, course.blocks)]
     A = course.averaged()
     return np.asarray(A @ covariance @ A.T)
-
-
-def _not_gaussian(imu: ImuModel, triad: Triad, axis: int, course: Course) -> np.ndarray:
-    """Covariance of tone, ramp and counting, by their second moments, (n, n)."""
-    h, A = course.interval, course.averaged()
-    last = course.start + course.count
-    covariance = np.zeros((len(A), len(A)))
-    if triad.tone[axis] > 0:
-        tone = triad.tone_of(axis)
-        turned = A @ np.exp(2j * np.pi * tone.f * h * np.arange(course.count))
-        power = (tone.amplitude * np.sinc(tone.f * h)) ** 2 / 2
-        covariance += power * np.real(np.outer(turned, turned.conj()))
-    if triad.R[axis] > 0:
-        ramp = A @ noise.Ramp(triad.R[axis]).with_sign(np.ones(()), last, h)[course.start :]
-        covariance += np.outer(ramp, ramp)
-    if triad.carried_lsb is not None:
-        covariance += _of_term(noise.AngleQuantisation(triad.carried_lsb / np.sqrt(12)), course)
-    elif triad.lsb is not None:
-        covariance += A @ A.T * (triad.lsb**2 * imu.dt / (12 * h))
-    return covariance
 
 
 @lru_cache(maxsize=32)  # megabytes each

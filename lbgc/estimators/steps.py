@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.estimators.course import mean_angle, tilt_of, usable
 from lbgc.estimators.estimate import refusal
 from lbgc.estimators.longrun import velocity_noise
+from lbgc.estimators.plate import mean_angle, tilt_of, usable
 from lbgc.frames import rotation_matrix, rotation_z
 from lbgc.sensor.imu import ImuModel
 

@@ -20,9 +20,9 @@ import numpy as np
 from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import require_choice, require_not_negative
-from lbgc.estimators.course import travel_within
 from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, rotation_z
+from lbgc.estimators.plate import mean_turn, on_plate, travel_within
+from lbgc.frames import euler_to_matrix, rotation_z, turned
 from lbgc.sensor.imu import Triad
 
 MIXED = 3
@@ -66,7 +66,7 @@ def augment(
             rates += earth_in_body(windows, reference + d) - earth_in_body(windows, reference)
         reference, truth = reference + d, truth + d
     if config.run_bias > 0:
-        bias = rng.standard_normal((len(windows), 1, 3)) * gyro.bias_run
+        bias = rng.standard_normal((len(windows), 1, 3)) * gyro.bias("run")
         rates += config.run_bias * bias
     if config.noise > 0:
         count, steps, _ = rates.shape
@@ -101,18 +101,10 @@ def earth_in_body(windows: Windows, heading: np.ndarray) -> np.ndarray:
         base = euler_to_matrix(roll, pitch, heading + angle[:, 0])
         still = np.einsum("wij,wi->wj", base, earth_rate_ned(windows.latitude))
         return np.broadcast_to(still[:, None, :], (*angle.shape, 3))
-    roll, pitch = level(on_plate(windows.accel, -angle).mean(axis=1))
+    roll, pitch = level(turned(windows.accel, angle).mean(axis=1))
     base = euler_to_matrix(roll, pitch, heading)
     earth = np.einsum("wij,wi->wj", base, earth_rate_ned(windows.latitude))
-    return on_plate(earth[:, None, :], angle, np.sinc(travel_within(angle) / (2 * np.pi)))
+    return on_plate(earth[:, None, :], mean_turn(angle, travel_within(angle)))
 
 
 _MOVES = np.deg2rad(1e-4)
-
-
-def on_plate(vector: np.ndarray, angle: np.ndarray, short: np.ndarray | float = 1.0) -> np.ndarray:
-    """Vectors of the plate's base, (W, 1 or n, 3), in axes of the plate turned by angle, (W, n);
-    short : of a circle's mean over the turn within a sample."""
-    c, s = np.cos(angle) * short, np.sin(angle) * short
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    return np.stack([c * x + s * y, c * y - s * x, z + 0 * c], axis=-1)

@@ -13,8 +13,8 @@ from lbgc.earth import normal_gravities
 from lbgc.errors import require, require_not_negative
 from lbgc.learning.augment import earth_in_body
 from lbgc.learning.batches import Source
+from lbgc.sensor.deterministic import vibration
 from lbgc.sensor.imu import ImuModel
-from lbgc.sensor.noise import Sinusoid
 from lbgc.units import factor
 
 
@@ -73,7 +73,7 @@ class Randomised:
         count, steps, _ = windows.gyro.shape
         interval, gyro = 1 / windows.rate_hz, self.imu.gyro
         share = rng.uniform(0, 1, (3, count, 1, 1))
-        bias = rng.standard_normal((count, 1, 3)) * gyro.bias_run
+        bias = rng.standard_normal((count, 1, 3)) * gyro.bias("run")
         more = self.config.run_bias * share[0] * bias
         more = np.broadcast_to(more, windows.gyro.shape).copy()
         if self.config.noise > 0:
@@ -84,7 +84,7 @@ class Randomised:
             hz = rng.uniform(low, high)  # of a batch
             for axis in range(3):
                 phase = rng.uniform(0, 2 * np.pi, (count,))
-                tone = Sinusoid(size, float(hz)).at_phase(phase, steps, interval)
+                tone = vibration(size, float(hz), phase, steps, interval)
                 more[..., axis] += share[2, :, :, 0] * tone
         return more
 

@@ -19,9 +19,8 @@ from lbgc.data.windows import Windows, at_rate
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators import BASES
-from lbgc.estimators.course import travel_within, usable
-from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, turned, unrepeated, wrap
+from lbgc.estimators.plate import mean_turn, tilt_of, travel_within, usable
+from lbgc.frames import turned, unrepeated, wrap
 from lbgc.learning import sway
 from lbgc.learning.model import ModelConfig, features
 from lbgc.sensor.imu import ImuModel
@@ -72,7 +71,7 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
     turning = travel * windows.rate_hz
     gyro, force = turned(_levelled(windows, angle), psi), turned(windows.accel, psi)
     # Earth's rate is averaged over the turn within a sample.
-    gyro -= np.stack([north * np.sinc(travel / (2 * np.pi)), 0 * turning, down + turning], axis=-1)
+    gyro -= np.stack([north * mean_turn(0 * travel, travel).real, 0 * turning, down + turning], -1)
     columns = {
         "gyro": lambda: _both(gyro / north[..., None], psi),
         "accel": lambda: _both(force / g[..., None] + [0.0, 0.0, 1.0], psi),
@@ -98,7 +97,7 @@ def _side_by_side(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.nda
 
 def _levelled(windows: Windows, angle: np.ndarray) -> np.ndarray:
     """The rates less the lean that the mean force in the plate's base shows, (W, T, 3)."""
-    lean = euler_to_matrix(*level(turned(windows.accel, angle).mean(axis=1)), 0.0)
+    lean = tilt_of(angle, windows.accel)
     return turned(turned(windows.gyro, angle) @ np.swapaxes(lean, 1, 2), -angle)
 
 

@@ -7,21 +7,22 @@ window that begins later.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from lbgc.data import calibrated as draws
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
 from lbgc.errors import InputError, build
-from lbgc.estimators.course import travel_within
+from lbgc.estimators.plate import mean_turn, on_plate, travel_within
 from lbgc.frames import euler_to_matrix, unrepeated
-from lbgc.learning.augment import on_plate
-from lbgc.sensor.batch import Lasting, measure_means
+from lbgc.sensor import errors
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import check_means
+from lbgc.sensor.errors import Drawn
 from lbgc.sensor.imu import ImuModel
 
 _MOVING = {
@@ -43,8 +44,8 @@ class Streamed:
     """The stored ones, of which the plate's course and the labels are used."""
     attitude: np.ndarray
     """(R, 2), rad, roll and pitch"""
-    gyro: Lasting
-    accel: Lasting
+    gyro: Drawn
+    accel: Drawn
     imu: ImuModel
     arm_m: float
     """Distance from the plate's axis to the IMU, which looks away from it."""
@@ -73,8 +74,7 @@ class Streamed:
         return cls(
             recordings,
             np.stack(angles, axis=-1),
-            _lasting(dataset, "gyro", rows),
-            _lasting(dataset, "accel", rows),
+            *draws.stored(dataset, rows, "unit", "session"),
             imu,
             float(configuration["scene"]["arm_m"]),
             height,
@@ -89,15 +89,25 @@ class Streamed:
         block = round(1 / (stored.rate_hz * self.imu.dt))
         inside = slice(start, start + steps)
         rate, force = self._truth(rows, heading, inside)
-        common = (steps, self.imu.dt, block)
-        gyro = measure_means(self.imu.gyro, rng, rate, self.gyro.rows(rows), *common,
-                             force, self.imu.warming, start)  # fmt: skip
-        accel = measure_means(self.imu.accel, rng, force, self.accel.rows(rows), *common,
-                              None, self.imu.warming, start)  # fmt: skip
+        still = replace(self.imu.warming, force=None)
+        gyro, accel = (
+            triad.measure_means(
+                rng,
+                truth,
+                triad.draw_run(rng, errors.rows(lasting, rows)),
+                *(steps, self.imu.dt, block),
+                around,
+                start,
+            )
+            for triad, truth, lasting, around in (
+                (self.imu.gyro, rate, self.gyro, replace(still, force=force)),
+                (self.imu.accel, force, self.accel, still),
+            )
+        )
         off = known.heading_reference[rows] - known.heading[rows]
         windows = Windows(
-            gyro=gyro,
-            accel=accel,
+            gyro=np.moveaxis(gyro, 1, 2),
+            accel=np.moveaxis(accel, 1, 2),
             plate_angle=stored.plate_angle[rows, inside],
             rate_hz=stored.rate_hz,
             latitude=stored.latitude[rows],
@@ -108,34 +118,23 @@ class Streamed:
     def _truth(
         self, rows: np.ndarray, heading: np.ndarray, inside: slice
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, T, 3), inside
-        recordings on a plate that turns evenly within a block; (W, 1, 3) on one that rests."""
+        """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, 3, T), inside
+        recordings on a plate that turns evenly within a block; (W, 3, 1) on one that rests."""
         stored = self.recordings.windows
         late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
         reading = unrepeated(stored.plate_angle[rows])
         travel = travel_within(reading)
-        angle, turning = reading - late * travel, travel * stored.rate_hz
-        short = np.sinc(travel / (2 * np.pi))
+        turn, turning = mean_turn(reading - late * travel, travel), travel * stored.rate_hz
         if reading.shape[1] > 1:
-            angle, turning, short = angle[:, inside], turning[:, inside], short[:, inside]
+            turn, turning = turn[:, inside], turning[:, inside]
         roll, pitch = self.attitude[rows].T
         base = euler_to_matrix(roll, pitch, heading)
         earth = np.einsum("wij,wi->wj", base, earth_rate_ned(stored.latitude[rows]))
         down = normal_gravities(stored.latitude[rows], self.height_m)
-        rate, force = (
-            on_plate(v[:, None, :], angle, short) for v in (earth, -down[:, None] * base[:, 2])
-        )
+        rate, force = (on_plate(v[:, None, :], turn) for v in (earth, -down[:, None] * base[:, 2]))
         rate[..., 2] += turning
         force[..., 0] -= self.arm_m * turning**2  # towards the axis, behind the IMU
-        return rate, force
-
-
-def _lasting(dataset: Dataset, triad: str, rows: np.ndarray) -> Lasting:
-    def of(name: str) -> np.ndarray:
-        return dataset.label(f"{triad}_{name}")[rows]
-
-    bias = of("bias_unit") + of("bias_session")
-    return Lasting(bias, *(of(n) for n in ("matrix", "g_sensitivity", "bias_per_k", "scale_per_k")))
+        return np.swapaxes(rate, 1, 2), np.swapaxes(force, 1, 2)
 
 
 def _check_still(dataset: Dataset, configuration: Mapping[str, Any]) -> None:

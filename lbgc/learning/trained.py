@@ -17,12 +17,13 @@ from lbgc.data.record import Record
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError, build
-from lbgc.estimators.course import usable
 from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.plate import usable
 from lbgc.learning import description
 from lbgc.learning.estimator import Learned
 from lbgc.sensor import streams
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.errors import NONE
 from lbgc.sensor.imu import ImuModel
 
 _TURNS = np.deg2rad(1.0)
@@ -146,7 +147,7 @@ class Trained:
     def _knows_units(self) -> bool:
         """Whether it was trained on so few units that it learned their very biases."""
         gyro = self.sensor.gyro.triad()
-        return bool(self.said["units"]["units"] <= _FEW and any(gyro.bias_unit))
+        return bool(self.said["units"]["units"] <= _FEW and gyro.bias("unit").any())
 
     def _off(self, record: Record) -> float | None:
         """Sigmas by which a resting recording's mean rate differs from any that the units it was
@@ -156,7 +157,7 @@ class Trained:
         own = self.said["units"]
         gyro = self.sensor.gyro.triad()
         rate, force = record.gyro.mean(axis=0), record.accel.mean(axis=0)
-        aside = stated_errors(replace(gyro, bias_unit=(0.0, 0.0, 0.0)), record.duration_s)
+        aside = stated_errors(gyro.with_bias(unit=NONE), record.duration_s)
         allowed = mean_noise(record.gyro) ** 2 + (1e-3 * EARTH_RATE) ** 2
         if aside is not None:
             allowed = allowed + aside**2
@@ -164,9 +165,9 @@ class Trained:
             allowed = allowed + 2 * np.square(gyro.B) + np.square(gyro.K) * record.duration_s
         chis = []
         for unit in range(own["units"]):
-            errors = gyro.draw_unit(streams.unit(own["unit_seed"], unit))
+            drawn = gyro.draw_unit(streams.unit(own["unit_seed"], unit))
             chis.append(
-                residual(rate - errors.bias_unit, force, record.latitude, np.sqrt(allowed))[0]
+                residual(rate - drawn["bias_unit"], force, record.latitude, np.sqrt(allowed))[0]
             )
         return float(np.sqrt(min(chis))) if min(chis) > _ANOTHER else None
 

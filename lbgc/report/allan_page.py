@@ -42,12 +42,6 @@ def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
     return drawn
 
 
-def _terms(fit: Fit) -> tuple:
-    tones = tuple(noise.Sinusoid(t.amplitude, t.f) for t in fit.tones)
-    ramp = () if fit.ramp.is_limit else (noise.Ramp(fit.ramp.value),)
-    return (*fit.printed, *ramp, *tones)
-
-
 def _settled(data: AllanData, fits: Sequence[Fit], taus: np.ndarray) -> np.ndarray | None:
     """The deviation of what was fitted to: one recording less its warm-ups and steps, (3, S). None
     where it has none, or where there are several recordings."""
@@ -77,7 +71,7 @@ def _with_terms(
     fine = np.geomspace(taus[0], taus[-1], 2000)
     for axis, (fit, name) in enumerate(zip(fits, AXIS_NAMES, strict=True)):
         axes = figure.add_subplot(1, 3, axis + 1)
-        curve = np.sqrt(noise.allan_variance(_terms(fit), fine))
+        curve = np.sqrt(noise.allan_variance(fit.everything, fine))
         slopes = np.interp(taus, fine, np.gradient(np.log(curve), np.log(fine)))
         band = confidence_band(measured[axis], taus, data.series.shape[1], data.dt, slopes)
         axes.fill_between(
@@ -89,9 +83,9 @@ def _with_terms(
             axes.loglog(taus, recorded[axis] / scale, "o", color="0.5", markersize=3.5,
                         fillstyle="none", label="with what was taken out")  # fmt: skip
         axes.loglog(fine, curve / scale, color="black", linewidth=1.2, label="fit")
-        for term in _terms(fit):
+        for term in fit.everything:
             deviation = np.sqrt(term.allan_variance(fine)) / scale
-            axes.loglog(fine, deviation, "--", linewidth=0.8, label=type(term).__name__)
+            axes.loglog(fine, deviation, "--", linewidth=0.8, label=term.cause)
         lowest = measured[axis].min() / scale
         axes.set_ylim(lowest / 5, recorded[axis].max() / scale * 3)
         axes.set(title=f"{data.part} {name}", xlabel="averaging time, s", ylabel=unit)

@@ -188,7 +188,7 @@ def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | No
         return None
     gyro = build(ImuConfig, configuration["imu"]).gyro.triad()
     across = {
-        part: float(np.mean(np.square(getattr(gyro, f"bias_{part}")[:2]))) ** 0.5 / DEG * HOUR
+        part: float(np.mean(np.square(gyro.bias(part)[:2]))) ** 0.5 / DEG * HOUR
         for part in ("unit", "session", "run")
     }
     total = sum(v**2 for v in across.values())

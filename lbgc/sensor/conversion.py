@@ -1,62 +1,66 @@
 """From a triad's datasheet figures to SI, and which of two keys that say one thing counts."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from lbgc import units
 from lbgc.errors import InputError, require
-from lbgc.sensor.imu import Triad, Triple
+from lbgc.sensor import rows
+from lbgc.sensor.errors import FIRST, FORCE, NONE, Proportional, Triple
+from lbgc.sensor.imu import Triad
 from lbgc.sensor.instability import allan_minimum, instability
 
 _AGREE = 0.15
 """Two keys for one figure may differ by so much: datasheets round."""
 
 
-def to_si(
-    config: Any,
-    *,
-    N: tuple[str, str],
-    B: str,
-    minimum: tuple[str, ...],
-    K: str,
-    lsb: str,
-    carried_lsb: str,
-    range: str,
-    g_sensitivity: str | None = None,
-    **keys: str,
-) -> Triad:
-    """The triad of a GyroConfig or AccelConfig; the arguments say which key plays which part.
+def to_si(config: Any) -> Triad:
+    """The triad of a GyroConfig or AccelConfig. Raises InputError."""
+    keys = rows.keys_of(config)
 
-    N, minimum : keys that say one thing in different units. Raises InputError.
-    """
+    def axes(part: str) -> Triple:
+        return _axes(config, keys[part][0])
 
-    def optional(key: str) -> float | None:
+    def optional(part: str) -> float | None:
+        (key,) = keys[part]
         value = getattr(config, key)
         return None if value is None else units.factor(key) * value
 
     corners = (config.flicker_short_s, config.flicker_long_s)
-    white, walk = _one_of(config, N), _axes(config, K)
+    white, walk = _one_of(config, keys["N"]), axes("K")
     return Triad(
         N=white,
-        B=_flicker(config, B, minimum, white, walk, corners),
+        B=_flicker(config, keys["B"][0], keys["minimum"], white, walk, corners),
         K=walk,
         flicker_corners=corners,
         gauss_markov_time=_axes(config, "gauss_markov_s"),
         lines=tuple(_line(line) for line in config.lines),
         bandwidth_hz=None if config.bandwidth_hz is None else _axes(config, "bandwidth_hz"),
         damping=_plain(config, "filter_damping"),
-        scale_unit=_axes(config, "scale_unit_ppm"),
-        misalignment_unit=_axes(config, "misalignment_unit_mrad"),
-        g_sensitivity=_axes(config, g_sensitivity) if g_sensitivity else (0.0, 0.0, 0.0),
-        tone_hz=_axes(config, "tone_hz"),
-        scale_per_k=_axes(config, "scale_per_k_ppm_per_k"),
-        lsb=optional(lsb),
-        carried_lsb=optional(carried_lsb),
-        range=optional(range),
-        keys={"lsb": lsb, "carried_lsb": carried_lsb, "range": range},
-        **{part: _axes(config, key) for part, key in keys.items()},
+        drawn=_drawn(config),
+        Q=axes("Q"),
+        R=axes("R"),
+        gauss_markov=axes("gauss_markov"),
+        tone_hz=axes("tone_hz"),
+        tone=axes("tone"),
+        lsb=optional("lsb"),
+        carried_lsb=optional("carried_lsb"),
+        range=optional("range"),
+        keys={part: keys[part][0] for part in ("lsb", "carried_lsb", "range")},
     )
+
+
+def _drawn(config: Any) -> tuple[Proportional, ...]:
+    """What is drawn once, in the order of its drawing."""
+    found: dict[str, Proportional] = {}
+    for key, size, kind in rows.drawn_of(config):
+        found[kind.name] = found.get(kind.name, kind).sized(size, _axes(config, key))
+    # An accelerometer's, too, is drawn: as it always was.
+    found.setdefault("g_sensitivity", Proportional("g_sensitivity", "", "unit", FORCE, cross=NONE))
+    later = [name for name in found if name not in FIRST]
+    return tuple(found[name] for name in (*FIRST, *later))
 
 
 def _line(line: Any) -> tuple[Triple, Triple, Triple, Triple]:
@@ -78,7 +82,7 @@ def _axes(config: Any, key: str) -> Triple:
     return (scale * x, scale * y, scale * z)
 
 
-def _one_of(config: Any, keys: tuple[str, ...]) -> Triple:
+def _one_of(config: Any, keys: Sequence[str]) -> Triple:
     """The figure from whichever of its keys is given; those given must agree within 15%."""
     given = {key: _axes(config, key) for key in keys if getattr(config, key) is not None}
     if not given:
@@ -99,7 +103,7 @@ def _one_of(config: Any, keys: tuple[str, ...]) -> Triple:
 def _flicker(
     config: Any,
     own: str,
-    minimum: tuple[str, ...],
+    minimum: Sequence[str],
     white: Triple,
     walk: Triple,
     corners: tuple[float, float],

@@ -24,6 +24,8 @@ import numpy as np
 import scipy.optimize
 import scipy.special
 
+from lbgc.sensor.noise import Rounding
+
 ENOUGH = 0.65
 """Counts of fast noise, 1 sigma, from which on rounding is plain white noise."""
 _MOST_LEVELS = 4096
@@ -71,7 +73,7 @@ class Counts:
 
     def rounding(self, dt: float) -> float:
         """Density of the rounding noise that the samples have besides their own, unit^2 s."""
-        return self.lsb**2 * dt / 12 if self.kind == "dithered" else 0.0
+        return Rounding.to(self.lsb, dt).N ** 2 if self.kind == "dithered" else 0.0
 
 
 def count_size(series: np.ndarray) -> float | None:

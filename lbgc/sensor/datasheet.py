@@ -9,7 +9,11 @@ import numpy as np
 from lbgc.errors import Axes, require, require_not_negative
 from lbgc.sensor import kalibr
 from lbgc.sensor.conversion import to_si
-from lbgc.sensor.imu import Disturbance, ImuModel, Timing, Triad
+from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings
+from lbgc.sensor.imu import ImuModel, Timing, Triad
+from lbgc.sensor.rows import bias, drawn, figure
+
+_GAIN, _WARMS = "scale and misalignment", "warming up"
 
 
 @dataclass(frozen=True)
@@ -70,24 +74,24 @@ def _check_three(config: object) -> None:
 class GyroConfig:
     """A gyro triad in datasheet units. A figure is one number or three: forward, right, down."""
 
-    arw_deg_per_sqrt_h: Axes | None = None
+    arw_deg_per_sqrt_h: Axes | None = figure("N", None)
     """Angle random walk N, the root of the two-sided density, as calibration files (Kalibr) print
     it; null: see the next."""
-    noise_deg_per_s_per_sqrt_hz: Axes | None = None
+    noise_deg_per_s_per_sqrt_hz: Axes | None = figure("N", None)
     """Or as a one-sided rate noise density, as datasheets print it: N is this over sqrt(2). Null in
     both: none."""
-    bias_instability_deg_per_h: Axes | None = None
+    bias_instability_deg_per_h: Axes | None = figure("B", None)
     """B of IEEE Std 952; flicker's Allan floor is 0.664 of it. Null: see the next."""
-    allan_minimum_deg_per_h: Axes | None = None
+    allan_minimum_deg_per_h: Axes | None = figure("minimum", None)
     """Or the lowest point of the Allan deviation, which most datasheets print under that name: B is
     what makes it so beside N and K. Null in both: none."""
-    rrw_deg_per_h_per_sqrt_h: Axes = 0.0
+    rrw_deg_per_h_per_sqrt_h: Axes = figure("K")
     """Rate random walk K."""
-    quantisation_arcsec: Axes = 0.0
+    quantisation_arcsec: Axes = figure("Q")
     """Quantisation of the integrated output, IEEE Std 952's Q: a carried count over sqrt(12)."""
-    ramp_deg_per_h_per_h: Axes = 0.0
+    ramp_deg_per_h_per_h: Axes = figure("R")
     """Drift R of the rate, its sign new in every recording."""
-    gauss_markov_deg_per_h: Axes = 0.0
+    gauss_markov_deg_per_h: Axes = figure("gauss_markov")
     """1 sigma of a first-order Gauss-Markov process."""
     gauss_markov_s: Axes = 100.0
     """Correlation time of the Gauss-Markov process."""
@@ -99,85 +103,69 @@ class GyroConfig:
     filter_damping: Axes = 0.707107
     """Damping ratio of the low-pass filter; 0.707 (Butterworth) makes the bandwidth its -3 dB
     point."""
-    g_sensitivity_deg_per_h_per_g: Axes = 0.0
+    g_sensitivity_deg_per_h_per_g: Axes = drawn(
+        "g_sensitivity", "g-sensitivity", "unit", FORCE, "cross"
+    )
     """Sensitivity of each gyro to specific force along each axis, 1 sigma between units."""
     flicker_short_s: float = 1.0
     """Shortest averaging time of the bias instability's flat floor."""
     flicker_long_s: float = 3600.0
     """Longest averaging time of the bias instability's flat floor."""
-    bias_unit_deg_per_h: Axes = 0.0
+    bias_unit_deg_per_h: Axes = bias("unit")
     """Bias of a unit for its life, 1 sigma between units."""
-    bias_session_deg_per_h: Axes = 0.0
+    bias_session_deg_per_h: Axes = bias("session")
     """Bias of a power-up, 1 sigma between power-ups."""
-    bias_run_deg_per_h: Axes = 0.0
+    bias_run_deg_per_h: Axes = bias("run")
     """Bias of a recording, 1 sigma between recordings."""
-    scale_unit_ppm: Axes = 0.0
+    scale_unit_ppm: Axes = drawn("matrix", _GAIN, "unit", TRUTH)
     """Scale factor error, 1 sigma between units."""
-    misalignment_unit_mrad: Axes = 0.0
+    misalignment_unit_mrad: Axes = drawn("matrix", _GAIN, "unit", TRUTH, "cross")
     """Misalignment of each axis towards each other one, 1 sigma between units."""
-    bias_per_k_deg_per_h_per_k: Axes = 0.0
+    bias_per_k_deg_per_h_per_k: Axes = drawn("bias_per_k", _WARMS, "unit", ONE, warms=True)
     """Bias over temperature rise, 1 sigma between units."""
-    scale_per_k_ppm_per_k: Axes = 0.0
+    scale_per_k_ppm_per_k: Axes = drawn("scale_per_k", _WARMS, "unit", TRUTH, warms=True)
     """Scale factor over temperature rise, 1 sigma between units."""
-    tone_hz: Axes = 0.0
+    tone_hz: Axes = figure("tone_hz")
     """Frequency of a steady vibration."""
-    tone_deg_per_h: Axes = 0.0
+    tone_deg_per_h: Axes = figure("tone")
     """Amplitude of that vibration; its phase is random."""
-    rate_lsb_deg_per_s: float | None = None
+    rate_lsb_deg_per_s: float | None = figure("lsb", None)
     """Output count of a rate output: each sample is rounded; null: it is not."""
-    angle_lsb_arcsec: float | None = None
+    angle_lsb_arcsec: float | None = figure("carried_lsb", None)
     """Or the count of an angle output: increments are counted and the rest is carried over."""
-    range_deg_per_s: float | None = None
+    range_deg_per_s: float | None = figure("range", None)
     """Output is clipped to +- this; null: no limit."""
 
     def __post_init__(self) -> None:
         _validate(self)
 
     def triad(self) -> Triad:
-        return to_si(
-            self,
-            N=("arw_deg_per_sqrt_h", "noise_deg_per_s_per_sqrt_hz"),
-            B="bias_instability_deg_per_h",
-            minimum=("allan_minimum_deg_per_h",),
-            K="rrw_deg_per_h_per_sqrt_h",
-            Q="quantisation_arcsec",
-            R="ramp_deg_per_h_per_h",
-            gauss_markov="gauss_markov_deg_per_h",
-            g_sensitivity="g_sensitivity_deg_per_h_per_g",
-            bias_unit="bias_unit_deg_per_h",
-            bias_session="bias_session_deg_per_h",
-            bias_run="bias_run_deg_per_h",
-            tone="tone_deg_per_h",
-            bias_per_k="bias_per_k_deg_per_h_per_k",
-            lsb="rate_lsb_deg_per_s",
-            carried_lsb="angle_lsb_arcsec",
-            range="range_deg_per_s",
-        )
+        return to_si(self)
 
 
 @dataclass(frozen=True)
 class AccelConfig:
     """An accelerometer triad in datasheet units, as `GyroConfig`."""
 
-    noise_ug_per_sqrt_hz: Axes | None = None
+    noise_ug_per_sqrt_hz: Axes | None = figure("N", None)
     """Noise density as datasheets print it, one-sided: N is this over sqrt(2)."""
-    vrw_m_per_s_per_sqrt_h: Axes | None = None
+    vrw_m_per_s_per_sqrt_h: Axes | None = figure("N", None)
     """Or as velocity random walk N, the root of the two-sided density, as calibration files
     (Kalibr) print it. Null in both: no white noise."""
-    bias_instability_ug: Axes | None = None
+    bias_instability_ug: Axes | None = figure("B", None)
     """B of IEEE Std 952; flicker's Allan floor is 0.664 of it. Null: see the next two."""
-    allan_minimum_ug: Axes | None = None
+    allan_minimum_ug: Axes | None = figure("minimum", None)
     """Or the lowest point of the Allan deviation, which most datasheets print under that name: B is
     what makes it so beside N and K."""
-    allan_minimum_mg: Axes | None = None
+    allan_minimum_mg: Axes | None = figure("minimum", None)
     """Or the Allan deviation's lowest point in mg. Null in all three: none."""
-    random_walk_ug_per_sqrt_h: Axes = 0.0
+    random_walk_ug_per_sqrt_h: Axes = figure("K")
     """Acceleration random walk K."""
-    quantisation_ug_s: Axes = 0.0
+    quantisation_ug_s: Axes = figure("Q")
     """Quantisation of the integrated output, IEEE Std 952's Q: a carried count over sqrt(12)."""
-    ramp_ug_per_h: Axes = 0.0
+    ramp_ug_per_h: Axes = figure("R")
     """Drift R of the output, its sign new in every recording."""
-    gauss_markov_ug: Axes = 0.0
+    gauss_markov_ug: Axes = figure("gauss_markov")
     """1 sigma of a first-order Gauss-Markov process."""
     gauss_markov_s: Axes = 100.0
     """Correlation time of the Gauss-Markov process."""
@@ -193,53 +181,36 @@ class AccelConfig:
     """Shortest averaging time of the bias instability's flat floor."""
     flicker_long_s: float = 3600.0
     """Longest averaging time of the bias instability's flat floor."""
-    bias_unit_mg: Axes = 0.0
+    bias_unit_mg: Axes = bias("unit")
     """Bias of a unit for its life, 1 sigma between units."""
-    bias_session_mg: Axes = 0.0
+    bias_session_mg: Axes = bias("session")
     """Bias of a power-up, 1 sigma between power-ups."""
-    bias_run_mg: Axes = 0.0
+    bias_run_mg: Axes = bias("run")
     """Bias of a recording, 1 sigma between recordings."""
-    scale_unit_ppm: Axes = 0.0
+    scale_unit_ppm: Axes = drawn("matrix", _GAIN, "unit", TRUTH)
     """Scale factor error, 1 sigma between units."""
-    misalignment_unit_mrad: Axes = 0.0
+    misalignment_unit_mrad: Axes = drawn("matrix", _GAIN, "unit", TRUTH, "cross")
     """Misalignment of each axis towards each other one, 1 sigma between units."""
-    bias_per_k_ug_per_k: Axes = 0.0
+    bias_per_k_ug_per_k: Axes = drawn("bias_per_k", _WARMS, "unit", ONE, warms=True)
     """Bias over temperature rise, 1 sigma between units."""
-    scale_per_k_ppm_per_k: Axes = 0.0
+    scale_per_k_ppm_per_k: Axes = drawn("scale_per_k", _WARMS, "unit", TRUTH, warms=True)
     """Scale factor over temperature rise, 1 sigma between units."""
-    tone_hz: Axes = 0.0
+    tone_hz: Axes = figure("tone_hz")
     """Frequency of a steady vibration."""
-    tone_ug: Axes = 0.0
+    tone_ug: Axes = figure("tone")
     """Amplitude of that vibration; its phase is random."""
-    lsb_ug: float | None = None
+    lsb_ug: float | None = figure("lsb", None)
     """Output count of a force output: each sample is rounded; null: it is not."""
-    velocity_lsb_m_per_s: float | None = None
+    velocity_lsb_m_per_s: float | None = figure("carried_lsb", None)
     """Or the count of a velocity output: increments are counted and the rest is carried over."""
-    range_g: float | None = None
+    range_g: float | None = figure("range", None)
     """Output is clipped to +- this; null: no limit."""
 
     def __post_init__(self) -> None:
         _validate(self)
 
     def triad(self) -> Triad:
-        return to_si(
-            self,
-            N=("noise_ug_per_sqrt_hz", "vrw_m_per_s_per_sqrt_h"),
-            B="bias_instability_ug",
-            minimum=("allan_minimum_ug", "allan_minimum_mg"),
-            K="random_walk_ug_per_sqrt_h",
-            Q="quantisation_ug_s",
-            R="ramp_ug_per_h",
-            gauss_markov="gauss_markov_ug",
-            bias_unit="bias_unit_mg",
-            bias_session="bias_session_mg",
-            bias_run="bias_run_mg",
-            tone="tone_ug",
-            bias_per_k="bias_per_k_ug_per_k",
-            lsb="lsb_ug",
-            carried_lsb="velocity_lsb_m_per_s",
-            range="range_g",
-        )
+        return to_si(self)
 
 
 @dataclass(frozen=True)
@@ -296,7 +267,7 @@ class ImuConfig:
 
     def model(self, rate_hz: float) -> ImuModel:
         """The sensor in SI units, where it samples at this rate (Hz)."""
-        warming = Disturbance(None, **vars(self.temperature))
+        warming = Surroundings(None, **vars(self.temperature))
         return ImuModel(self.gyro.triad(), self.accel.triad(), 1 / rate_hz, warming, self.assumed)
 
 

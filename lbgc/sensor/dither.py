@@ -74,8 +74,7 @@ def _refuse(triad: Triad, name: str, part: str, value: float, what: str, why: st
 
 def unstated(imu: ImuModel) -> list[str]:
     """What to say of a sensor none of whose gyro biases is stated, wherever a floor hangs on it."""
-    gyro = imu.gyro
-    if any(any(bias) for bias in (gyro.bias_unit, gyro.bias_session, gyro.bias_run)):
+    if imu.gyro.bias().any():
         return []
     return [
         "NO BIAS IS STATED of the gyros (imu.gyro.bias_unit_deg_per_h, bias_session_deg_per_h, "

@@ -8,6 +8,7 @@ import scipy.fft
 
 from lbgc.sensor import corner, gaussian, noise
 from lbgc.sensor.counts import Counts
+from lbgc.sensor.deterministic import InRun, Ramp, Sinusoid
 from lbgc.sensor.goodness import Goodness, judge
 from lbgc.sensor.instability import allan_minimum
 from lbgc.sensor.likelihood import Likelihood
@@ -60,6 +61,13 @@ class Fit:
         """The fitted terms and the samples' rounding: the noise of what was printed."""
         own = (noise.White(float(np.sqrt(self.rounding))),) if self.rounding > 0 else ()
         return (*self.terms(), *own)
+
+    @property
+    def everything(self) -> tuple[InRun, ...]:
+        """All that was found, the drift and the tones besides."""
+        tones = tuple(Sinusoid(tone.amplitude, tone.f) for tone in self.tones)
+        ramp = () if self.ramp.is_limit else (Ramp(self.ramp.value),)
+        return (*self.printed, *ramp, *tones)
 
     @property
     def corners(self) -> tuple[float, float]:

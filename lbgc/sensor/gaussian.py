@@ -21,7 +21,7 @@ few more normals w. O, L, F, G, W are the same for every block; nothing is inter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -94,12 +94,52 @@ def _doubled(m: MeansModel) -> MeansModel:
     )
 
 
+@dataclass(frozen=True)
+class Reduced:
+    """What a filter of few states makes of a term, beside its first-order processes (see
+    `GaussianTerm.processes`). Of W windows, SI."""
+
+    white: float = 0.0
+    """Density"""
+    angle: float = 0.0
+    """Variance of what errs in the integral (angle, velocity) and does not add up"""
+    constant: np.ndarray | float = 0.0
+    """Variance at each window's start, (W,)"""
+    walk: np.ndarray | float = 0.0
+    """Variance that each second adds, (W,)"""
+
+
 class GaussianTerm:
     """A Gaussian stochastic term. Its model of interval means gives it three of its faces; the
     Allan variance and the PSD are each term's own closed forms."""
 
+    cause: ClassVar[str] = "other noise"
+    """What an error budget calls it"""
+
+    @property
+    def processes(self) -> tuple[tuple[float, float], ...]:
+        """Variance and correlation time (s) of each first-order Gauss-Markov process that it is a
+        sum of; none where it is no such sum."""
+        return ()
+
+    def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
+        """What a filter of few states makes of it in windows of this length that begin at start_s,
+        (W,), s after the recording's start."""
+        return Reduced()
+
+    @property
+    def is_stationary(self) -> bool:
+        """Whether its means have the same law whenever they begin."""
+        m = self.means_model(1.0)
+        later = m.A @ m.P0 @ m.A.T + m.Q
+        return bool(np.abs(later - m.P0).max(initial=0) <= 1e-7 * np.abs(later).max(initial=0))
+
     def means_model(self, interval: float) -> MeansModel:
         """The term's means over intervals of this length (s)."""
+        raise NotImplementedError
+
+    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
+        """Its Allan variance, unit^2, at averaging times tau (*S), s."""
         raise NotImplementedError
 
     def sample(self, rng: Source, shape: tuple[int, ...], dt: float) -> np.ndarray:
@@ -112,9 +152,9 @@ class GaussianTerm:
         """This term alone; see the module's `sample_means`."""
         return sample_means((self,), rng, shape, dt, block)
 
-    def covariance_of_means(self, n: int, dt: float, block: int = 1) -> np.ndarray:
+    def covariance_of_means(self, n: int, dt: float, block: int = 1, start: int = 0) -> np.ndarray:
         """This term alone; see the module's `covariance_of_means`."""
-        return covariance_of_means((self,), n, dt, block)
+        return covariance_of_means((self,), n, dt, block, start)
 
 
 Gaussians: TypeAlias = tuple[GaussianTerm, ...]

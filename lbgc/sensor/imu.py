@@ -8,71 +8,21 @@ the noise terms evolve within it. Rounding to counts, clipping to the range and 
 not linear and stand outside the exact law of block means.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
-from lbgc.sensor import gaussian, noise
+from lbgc.sensor import errors, gaussian, noise
+from lbgc.sensor.deterministic import InRun, Ramp, Sinusoid
+from lbgc.sensor.errors import ONE, TRUTH, Drawn, Proportional, Surroundings, Triple
 from lbgc.sensor.low_pass import low_pass
 
-Triple = tuple[float, float, float]
+ALONE = Surroundings()
+"""Nothing acts on a triad, and it has warmed up."""
 _SHORT = 4096
 """Up to so many values of an axis, all three axes of one law are drawn at once."""
-
-
-@dataclass(frozen=True)
-class UnitErrors:
-    """What was drawn for a serial number."""
-
-    bias_unit: np.ndarray  # (3,)
-    matrix: np.ndarray  # (3, 3), M
-    g_sensitivity: np.ndarray  # (3, 3), output per specific force: zero for accelerometers
-    bias_per_k: np.ndarray  # (3,)
-    scale_per_k: np.ndarray  # (3,)
-
-    @classmethod
-    def none(cls) -> "UnitErrors":
-        return cls(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3))
-
-    def rows(self, pick: np.ndarray | slice | int) -> Self:
-        """Those of several units' (or recordings') errors that `pick` selects."""
-        return type(self)(**{name: values[pick] for name, values in vars(self).items()})
-
-
-@dataclass(frozen=True)
-class TriadErrors(UnitErrors):
-    """What was drawn for a triad and a recording: nothing about a recording is a mystery. Of
-    several recordings, each array has one more axis in front."""
-
-    bias_session: np.ndarray  # (3,)
-    bias_run: np.ndarray  # (3,)
-    tone_phase: np.ndarray  # (3,), rad
-    ramp_sign: np.ndarray  # (3,), +-1
-
-    @property
-    def bias(self) -> np.ndarray:
-        return self.bias_unit + self.bias_session + self.bias_run
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """What acts on a triad beside what it measures."""
-
-    force: np.ndarray | None = None
-    """(3, n) or (3, 1), m/s^2: the specific force that gyros are sensitive to"""
-    rise_k: float = 0.0
-    """Temperature at the end of warming up, less that at power-up"""
-    time_s: float = 600.0
-    """Time constant of warming up"""
-    since_power_up_s: float = 0.0
-
-    def rise(self, n: int, dt: float) -> np.ndarray:
-        """Means over (t_k - dt, t_k] of the temperature's rise since power-up, (n,), K."""
-        start = (self.since_power_up_s + np.arange(n) * dt) / self.time_s
-        u = dt / self.time_s
-        return self.rise_k * (1 - np.exp(-start) * -np.expm1(-u) / u)
 
 
 @dataclass(frozen=True)
@@ -111,8 +61,8 @@ class Timing:
 class Triad:
     """Three like sensors on the body's axes, in SI units; each figure one an axis.
 
-    N, B, K : the noise coefficients (IEEE Std 952); bias_*, scale_unit, misalignment_unit : 1 sigma
-    by lifetime; tone : amplitudes; lsb, range : of the output, or None.
+    N, B, K : the noise coefficients (IEEE Std 952); drawn : what is drawn once, in the order of its
+    drawing; tone : amplitudes; lsb, range : of the output, or None.
     """
 
     N: Triple
@@ -127,14 +77,7 @@ class Triad:
     """Each line's rms, centre (Hz) and width (Hz)."""
     bandwidth_hz: Triple | None
     damping: Triple
-    bias_unit: Triple
-    bias_session: Triple
-    bias_run: Triple
-    scale_unit: Triple
-    misalignment_unit: Triple
-    g_sensitivity: Triple
-    bias_per_k: Triple
-    scale_per_k: Triple
+    drawn: tuple[Proportional, ...]
     tone_hz: Triple
     tone: Triple
     lsb: float | None
@@ -152,12 +95,21 @@ class Triad:
     def terms_of_means(self, dt: float) -> tuple[gaussian.Gaussians, ...]:
         """Gaussian terms of each axis's block means of samples at dt: rounding to counts is a term
         like others."""
+        rounding = self.rounding(dt)
+        return tuple((*own, *rounding) for own in self.terms)
+
+    def rounding(self, dt: float) -> gaussian.Gaussians:
+        """What counting adds to samples at dt, where their noise shakes them across counts."""
         if self.carried_lsb is not None:
-            rounding = (noise.AngleQuantisation(self.carried_lsb / np.sqrt(12)),)
-            return tuple((*own, *rounding) for own in self.terms)
-        if self.lsb is None:
-            return self.terms
-        return tuple((*own, noise.White(self.lsb * np.sqrt(dt / 12))) for own in self.terms)
+            return (noise.AngleQuantisation.of_count(self.carried_lsb),)
+        return () if self.lsb is None else (noise.Rounding.to(self.lsb, dt),)
+
+    def in_run(self, i: int, dt: float) -> tuple[InRun, ...]:
+        """All that evolves within a recording of an axis's samples at dt: its Gaussian terms,
+        rounding, its ramp and its tone."""
+        ramp = (Ramp(self.R[i]),) if self.R[i] > 0 else ()
+        tone = (self.tone_of(i),) if self.tone[i] > 0 else ()
+        return (*self.terms[i], *self.rounding(dt), *ramp, *tone)
 
     def _terms_of(self, i: int) -> gaussian.Gaussians:
         white: gaussian.GaussianTerm = noise.White(self.N[i])
@@ -179,64 +131,79 @@ class Triad:
         )
         return tuple(term for coefficient, term in every if coefficient > 0)
 
-    def tone_of(self, i: int) -> noise.Sinusoid:
+    def tone_of(self, i: int) -> Sinusoid:
         """An axis's tone as it comes out, behind the filter if there is one."""
         amplitude, f = self.tone[i], self.tone_hz[i]
         if self.bandwidth_hz is not None:
             low_pass = noise.BandLimited(1.0, self.bandwidth_hz[i], self.damping[i])
             amplitude *= np.sqrt(low_pass.gain_squared(f))
-        return noise.Sinusoid(float(amplitude), f)
+        return Sinusoid(float(amplitude), f)
 
     def allan_variance(self, tau: np.ndarray, dt: float) -> np.ndarray:
         """The model's own Allan variance, tau (*S) in s -> (3, *S): every in-run term, the tone
         and rounding; not what warming up adds."""
-        rounding: noise.White | noise.AngleQuantisation
-        rounding = noise.White(0.0 if self.lsb is None else self.lsb * np.sqrt(dt / 12))
-        if self.carried_lsb is not None:
-            rounding = noise.AngleQuantisation(self.carried_lsb / np.sqrt(12))
-        return np.stack(
-            [
-                noise.allan_variance(
-                    (*terms, rounding, noise.Ramp(self.R[i]), self.tone_of(i)), tau
-                )
-                for i, terms in enumerate(self.terms)
-            ]
-        )
+        every = [noise.allan_variance(self.in_run(i, dt), tau) for i in (0, 1, 2)]
+        return np.stack(every)
 
-    def draw_unit(self, rng: np.random.Generator) -> UnitErrors:
+    def lasting(self, *lifetimes: str) -> tuple[Proportional, ...]:
+        """The errors that are drawn once for these lifetimes."""
+        return tuple(error for error in self.drawn if error.lifetime in lifetimes)
+
+    def without(self, *lifetimes: str) -> "Triad":
+        """The triad when everything that lasts that long is known and taken out."""
+        drawn = (e.gone() if e.lifetime in lifetimes else e for e in self.drawn)
+        return replace(self, drawn=tuple(drawn))
+
+    def with_bias(self, **sizes: Triple) -> "Triad":
+        """The triad with biases of other sizes (1 sigma), by lifetime."""
+        drawn = (
+            replace(e, own=sizes[e.lifetime])
+            if e.follows == ONE and not e.warms and e.lifetime in sizes
+            else e
+            for e in self.drawn
+        )
+        return replace(self, drawn=tuple(drawn))
+
+    def variance(
+        self, follows: str, warms: bool = False, lifetimes: Sequence[str] = errors.LIFETIMES
+    ) -> np.ndarray:
+        """Variance of all that is drawn to follow something, (3, 3): see lbgc.sensor.errors."""
+        own = (e for e in self.lasting(*lifetimes) if (e.follows, e.warms) == (follows, warms))
+        return sum((e.sigma**2 for e in own), np.zeros((3, 3)))
+
+    def bias(self, *lifetimes: str) -> np.ndarray:
+        """1 sigma of the bias that lasts that long (of all of it, where none is named), (3,)."""
+        return np.sqrt(np.diag(self.variance(ONE, lifetimes=lifetimes or errors.LIFETIMES)))
+
+    def draw_unit(self, rng: np.random.Generator) -> Drawn:
         """A serial number's own errors."""
-        bias = rng.standard_normal(3) * self.bias_unit
-        off_diagonal = rng.standard_normal((3, 3)) * np.array(self.misalignment_unit)[:, None]
-        scale = rng.standard_normal(3) * self.scale_unit
-        g_sensitivity = rng.standard_normal((3, 3)) * np.array(self.g_sensitivity)[:, None]
-        matrix = np.where(np.eye(3, dtype=bool), np.diag(scale), off_diagonal)
-        bias_per_k = rng.standard_normal(3) * self.bias_per_k
-        scale_per_k = rng.standard_normal(3) * self.scale_per_k
-        return UnitErrors(bias, matrix, g_sensitivity, bias_per_k, scale_per_k)
+        return {error.name: error.draw(rng) for error in self.lasting("unit")}
 
-    def draw_session(self, rng: np.random.Generator) -> np.ndarray:
-        """A power-up's bias, (3,)."""
-        return rng.standard_normal(3) * self.bias_session
+    def draw_session(self, rng: np.random.Generator) -> Drawn:
+        """A power-up's own errors."""
+        return {error.name: error.draw(rng) for error in self.lasting("session")}
 
-    def draw_run(
-        self, rng: gaussian.Source, of_unit: UnitErrors, of_session: np.ndarray
-    ) -> TriadErrors:
+    def draw_run(self, rng: gaussian.Source, lasting: Drawn) -> Drawn:
         """What is drawn before a recording starts, joined to what its unit and session fixed; of
-        several recordings, each has its own generator and all else one more axis in front."""
-        rngs = [rng] if isinstance(rng, np.random.Generator) else rng
-        normal, phase, sign = np.empty((3, len(rngs), 3))
-        for own, bias, *others in zip(rngs, normal, phase, sign, strict=True):
-            own.standard_normal(out=bias)
-            for uniform in others:
-                own.random(out=uniform)
-        shape = of_session.shape
-        return TriadErrors(
-            **vars(of_unit),
-            bias_session=of_session,
-            bias_run=normal.reshape(shape) * self.bias_run,
-            tone_phase=2 * np.pi * phase.reshape(shape),
-            ramp_sign=np.where(sign.reshape(shape) < 0.5, -1.0, 1.0),
-        )
+        several recordings all of that has one more axis in front. rng : one for all of them, or one
+        each."""
+        shape = lasting["bias_session"].shape[:-1]
+        if isinstance(rng, np.random.Generator):
+            return lasting | self._of_run(rng, shape)
+        each = [self._of_run(own, ()) for own in rng]
+        return lasting | {name: np.stack([one[name] for one in each]) for name in each[0]}
+
+    def _of_run(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Drawn:
+        found = {error.name: error.draw(rng, shape) for error in self.lasting("run")}
+        phase, sign = rng.random((*shape, 3)), rng.random((*shape, 3))
+        return found | {
+            "tone_phase": 2 * np.pi * phase,
+            "ramp_sign": np.where(sign < 0.5, -1.0, 1.0),
+        }
+
+    def none_drawn(self) -> Drawn:
+        """What is drawn of a unit and a session that have no errors of their own."""
+        return {error.name: error.none() for error in self.lasting("unit", "session")}
 
     def sample_noise(
         self, rng: np.random.Generator, count: int, n: int, interval: float
@@ -252,18 +219,18 @@ class Triad:
         self,
         rng: np.random.Generator,
         truth: np.ndarray,
-        errors: TriadErrors,
+        drawn: Drawn,
         n: int,
         dt: float,
-        disturbance: "Disturbance | None" = None,
+        around: Surroundings = ALONE,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The n samples the sensor prints, (3, n): int32 counts of `output_scale`, or float32
         where there are none; and whether any axis was at its range, bool (n,).
 
         truth : (3, n), or (3, 1) where it is constant; means over (t_k - dt, t_k].
         """
-        signal = self._noise(self.terms, rng, errors, n, dt)
-        signal += self._response(truth, errors, n, dt, disturbance).astype(np.float32)
+        signal = self._noise(self.terms, rng, drawn, n, dt)
+        signal += self._response(truth, drawn, n, dt, around).astype(np.float32)
         saturated = np.broadcast_to(False, n)
         if self.range is not None and max(signal.max(), -signal.min()) > self.range:
             saturated = (np.abs(signal) > self.range).any(axis=0)
@@ -282,28 +249,31 @@ class Triad:
         self,
         rng: gaussian.Source,
         truth: np.ndarray,
-        errors: TriadErrors,
+        drawn: Drawn,
         n: int,
         dt: float,
         block: int,
-        disturbance: "Disturbance | None" = None,
+        around: Surroundings = ALONE,
+        start: int = 0,
     ) -> np.ndarray:
         """n means over `block` samples each, float32 (3, n), with the law of averaging `measure`.
 
         truth : (3, 1) where it is constant; else the samples' own, (3, n block), or where
-        `ImuModel.averages_motion` their means, (3, n). The disturbance's force, likewise. Of
-        several recordings at once each of these, and what is in `errors`, has one more axis in
-        front, and each recording its own generator: float32 (R, 3, n).
+        `ImuModel.averages_motion` their means, (3, n). What acts around it, likewise. Of several
+        recordings at once each of these, and what was drawn, has one more axis in front:
+        float32 (R, 3, n); rng : one for all of them, or one each. start : how many blocks lie
+        between the recording's start and the first; noise that wanders has come so far.
 
         Rounding enters as the white noise that it is while the samples' noise exceeds half a count
         (`lbgc.sensor.dither` refuses where it does not, and where the range would clip); carried
         counts as angle quantisation of a twelfth of their square.
         """
-        means = self._noise(self.terms_of_means(dt), rng, errors, n, dt * block)
+        h = dt * block
+        means = self._noise(self.terms_of_means(dt), rng, drawn, n, h, start)
         if truth.shape[-1] in (1, n):
-            response = self._response(truth, errors, n, dt * block, disturbance)
+            response = self._response(truth, drawn, n, h, around, start)
         else:
-            fine = self._response(truth, errors, n * block, dt, disturbance)
+            fine = self._response(truth, drawn, n * block, dt, around, start * block)
             response = fine.reshape(*fine.shape[:-1], n, block).mean(axis=-1)
         means += response.astype(np.float32)
         return means
@@ -312,45 +282,43 @@ class Triad:
         self,
         terms: tuple[gaussian.Gaussians, ...],
         rng: gaussian.Source,
-        errors: TriadErrors,
+        drawn: Drawn,
         n: int,
         dt: float,
+        start: int = 0,
     ) -> np.ndarray:
         """Noise by these terms of each axis, tone and ramp: float32 (*R, 3, n). Its means over dt
         have the law of its samples' averages."""
-        recordings = errors.bias_run.shape[:-1]
+        recordings = drawn["bias_run"].shape[:-1]
         signal = np.empty((*recordings, 3, n), np.float32)
         together = n <= _SHORT and len(set(terms)) == 1
         if together:  # fewer and larger products
-            gaussian.sample(terms[0], rng, signal.shape, dt, out=signal)
+            gaussian.sample(terms[0], rng, signal.shape, dt, signal, start)
         for axis, own in enumerate(terms):
-            drawn = signal[..., axis, :]
+            one = signal[..., axis, :]
             if not together:
-                gaussian.sample(own, rng, drawn.shape, dt, out=drawn)
+                gaussian.sample(own, rng, one.shape, dt, one, start)
             if self.tone[axis] > 0:
-                phase = errors.tone_phase[..., axis]
-                drawn += self.tone_of(axis).at_phase(phase, n, dt, np.float32)
+                phase = drawn["tone_phase"][..., axis]
+                one += self.tone_of(axis).at_phase(phase, n, dt, np.float32)
             if self.R[axis] > 0:
-                drawn += noise.Ramp(self.R[axis]).with_sign(errors.ramp_sign[..., axis], n, dt)
+                sign = drawn["ramp_sign"][..., axis]
+                one += Ramp(self.R[axis]).with_sign(sign, n, dt, start)
         return signal
 
     def _response(
         self,
         truth: np.ndarray,
-        errors: TriadErrors,
+        drawn: Drawn,
         n: int,
         dt: float,
-        disturbance: "Disturbance | None",
+        around: Surroundings,
+        start: int = 0,
     ) -> np.ndarray:
-        """What the truth alone would give, (*R, 3, n) or (*R, 3, 1): scale, misalignment, biases,
-        g-sensitivity, warming up, and the output filter on what moves."""
-        signal = (np.eye(3) + errors.matrix) @ truth + errors.bias[..., None]
-        if disturbance is not None and disturbance.force is not None:
-            signal = signal + errors.g_sensitivity @ disturbance.force
-        if disturbance is not None and disturbance.rise_k != 0:
-            warmth = disturbance.rise(n, dt)
-            signal = signal + errors.bias_per_k[..., None] * warmth
-            signal = signal + errors.scale_per_k[..., None] * truth * warmth
+        """What the truth alone would give, (*R, 3, n) or (*R, 3, 1): the drawn errors, and the
+        output filter on what moves."""
+        warmth = around.rise(n, dt, start) if around.rise_k != 0 else None
+        signal = errors.printed(self.drawn, drawn, truth, around, warmth)
         if truth.shape[-1] > 1 and self.bandwidth_hz is not None:
             for axis, shape in enumerate(zip(self.bandwidth_hz, self.damping, strict=True)):
                 signal[..., axis, :] = low_pass(signal[..., axis, :], *shape, dt)
@@ -365,7 +333,7 @@ class ImuModel:
     accel: Triad
     dt: float
     """s: interval of the sensor's own samples, by which counts are read"""
-    warming: Disturbance = field(default_factory=Disturbance)
+    warming: Surroundings = field(default_factory=Surroundings)
     assumed: str = ""
     """What of it is assumed and was never measured, for whoever reads figures that hang on it."""
 
@@ -382,5 +350,10 @@ class ImuModel:
         """Whether means of what it prints follow from means of the motion: no output filter, and
         no scale factor that changes in a recording."""
         triads = (self.gyro, self.accel)
-        warms = self.warming.rise_k != 0 and any(any(t.scale_per_k) for t in triads)
+        warms = self.warming.rise_k != 0 and any(t.variance(TRUTH, True).any() for t in triads)
         return not warms and all(t.bandwidth_hz is None for t in triads)
+
+    def without(self, *lifetimes: str) -> "ImuModel":
+        """The sensor when everything that lasts that long is known and taken out."""
+        triads = (self.gyro.without(*lifetimes), self.accel.without(*lifetimes))
+        return replace(self, gyro=triads[0], accel=triads[1])

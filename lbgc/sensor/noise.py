@@ -8,6 +8,7 @@ that the two can be held against each other.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -17,11 +18,10 @@ from lbgc.sensor.exponential import (
     gauss_markov_model,
     gauss_markov_psd,
 )
-from lbgc.sensor.gaussian import GaussianTerm, MeansModel, sde_means_model
+from lbgc.sensor.gaussian import GaussianTerm, MeansModel, Reduced, sde_means_model
 
 BUTTERWORTH = float(np.sqrt(0.5))
 """Damping of a maximally flat second-order low-pass."""
-_TONE_BLOCK = 256
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,12 @@ class White(GaussianTerm):
     variance N^2/tau (IEEE Std 952, C.1.1).
     """
 
+    cause: ClassVar[str] = "white noise"
     N: float
     """unit/sqrt(Hz), two-sided: rad/sqrt(s) for a gyro."""
+
+    def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
+        return Reduced(white=self.N**2)
 
     def means_model(self, interval: float) -> MeansModel:
         none = np.zeros((0, 0))
@@ -47,6 +51,19 @@ class White(GaussianTerm):
 
 
 @dataclass(frozen=True)
+class Rounding(White):
+    """Rounding of a rate to counts, each sample by itself: white where the noise shakes it across
+    counts (lbgc.sensor.dither)."""
+
+    cause: ClassVar[str] = "rounding"
+
+    @classmethod
+    def to(cls, lsb: float, dt: float) -> Self:
+        """Rounding to this count at samples of dt s: LSB^2/12 a sample."""
+        return cls(lsb * np.sqrt(dt / 12))
+
+
+@dataclass(frozen=True)
 class RandomWalk(GaussianTerm):
     """Rate random walk, w = K x Wiener process, zero at the recording's start.
 
@@ -55,8 +72,12 @@ class RandomWalk(GaussianTerm):
     K^2 tau/3, PSD K^2/(2 pi f)^2 (IEEE Std 952, C.1.4).
     """
 
+    cause: ClassVar[str] = "random walk"
     K: float
     """unit/s/sqrt(Hz): rad/s/sqrt(s) for a gyro."""
+
+    def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
+        return Reduced(constant=self.K**2 * start_s, walk=self.K**2)
 
     def means_model(self, interval: float) -> MeansModel:
         q = self.K**2 * interval
@@ -87,6 +108,7 @@ class Flicker(GaussianTerm):
     a constant bias within one recording: as it does in sensors.
     """
 
+    cause: ClassVar[str] = "bias instability"
     B: float
     """unit: rad/s for a gyro."""
     T_short: float = 1.0
@@ -107,6 +129,10 @@ class Flicker(GaussianTerm):
         variances = np.full(len(times), self.B**2 * np.log(ratio) / np.pi)
         variances[[0, -1]] *= ratio / (ratio - 1)
         return variances
+
+    @property
+    def processes(self) -> tuple[tuple[float, float], ...]:
+        return tuple(zip(self.variances().tolist(), self.correlation_times().tolist(), strict=True))
 
     def means_model(self, interval: float) -> MeansModel:
         return gauss_markov_model(self.variances(), self.correlation_times(), interval)
@@ -132,6 +158,10 @@ class GaussMarkov(GaussianTerm):
     """unit"""
     T: float
     """s: correlation time."""
+
+    @property
+    def processes(self) -> tuple[tuple[float, float], ...]:
+        return ((self.sigma**2, self.T),)
 
     def means_model(self, interval: float) -> MeansModel:
         return gauss_markov_model(np.array([self.sigma**2]), np.array([self.T]), interval)
@@ -166,6 +196,9 @@ class Line(GaussianTerm):
     """Hz: full width at half maximum."""
     poles: int = 2
     """2: steep flanks; 1: a damped resonance, narrower than 2 f0."""
+
+    def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
+        return Reduced(angle=(self.sigma / (2 * np.pi * self.f0)) ** 2)
 
     def ringing(self) -> tuple[complex, complex]:
         """Rate s and weight W of a resonance's covariance, Re(W e^(s |t|))."""
@@ -232,11 +265,15 @@ class BandLimited(GaussianTerm):
     unchanged; a constant too.
     """
 
+    cause: ClassVar[str] = "white noise"
     N: float
     """unit/sqrt(Hz), two-sided, before the filter."""
     bandwidth: float
     """Hz"""
     damping: float = BUTTERWORTH
+
+    def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
+        return Reduced(white=self.N**2)
 
     def gain_squared(self, f: np.ndarray | float) -> np.ndarray:
         x = np.asarray(f, dtype=float) / self.bandwidth
@@ -279,6 +316,14 @@ class AngleQuantisation(GaussianTerm):
     Q: float
     """unit s: rad for a gyro."""
 
+    @classmethod
+    def of_count(cls, lsb: float) -> Self:
+        """Counting an integrated output in such counts, the rest of each carried over."""
+        return cls(lsb / np.sqrt(12))
+
+    def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
+        return Reduced(angle=self.Q**2)
+
     def means_model(self, interval: float) -> MeansModel:
         q = np.array([[self.Q**2]])
         return MeansModel(
@@ -296,88 +341,6 @@ class AngleQuantisation(GaussianTerm):
     def psd(self, f: np.ndarray, dt: float) -> np.ndarray:
         """PSD of samples at interval dt: 4 Q^2/dt sin^2(pi f dt), about (2 pi f)^2 Q^2 dt."""
         return 4 * self.Q**2 / dt * np.sin(np.pi * np.asarray(f, dtype=float) * dt) ** 2
-
-
-@dataclass(frozen=True)
-class Ramp:
-    """Rate ramp +-R t from the recording's start, the sign drawn for each series.
-
-    The mean over (t - h, t] is +-R (t - h/2). Allan variance R^2 tau^2/2, exactly, in every
-    realisation (IEEE Std 952, C.1.5, whose PSD for it, R^2/(2 pi f)^3, is nominal).
-    """
-
-    R: float
-    """unit/s"""
-
-    def sample(self, rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> np.ndarray:
-        sign = rng.choice([-1.0, 1.0], shape[:-1])
-        return self.with_sign(sign, shape[-1], dt)
-
-    def sample_means(
-        self, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
-    ) -> np.ndarray:
-        return self.sample(rng, shape, dt * block)
-
-    def with_sign(self, sign: np.ndarray, n: int, dt: float) -> np.ndarray:
-        """The interval means for given signs: (*S) -> (*S, n)."""
-        return np.asarray(sign)[..., None] * self.R * (np.arange(n) + 0.5) * dt
-
-    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
-        return self.R**2 * np.asarray(tau, dtype=float) ** 2 / 2
-
-    def psd(self, f: np.ndarray) -> np.ndarray:
-        return self.R**2 / (2 * np.pi * np.asarray(f, dtype=float)) ** 3
-
-    def covariance_of_means(self, n: int, dt: float, block: int = 1) -> np.ndarray:
-        middle = self.with_sign(np.ones(()), n, dt * block)
-        return np.outer(middle, middle)
-
-
-@dataclass(frozen=True)
-class Sinusoid:
-    """A tone, amplitude x sin(2 pi f t + phase), the phase uniform for each drawn series.
-
-    Its interval means are amplitude x sinc(f h) x sin(2 pi f t_mid + phase). Allan variance
-    amplitude^2 (sin^2(pi f tau)/(pi f tau))^2 (IEEE Std 952, C.1.6). All of its power is at f, so
-    it has no density.
-    """
-
-    amplitude: float
-    f: float
-    """Hz"""
-
-    def sample(self, rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> np.ndarray:
-        return self.at_phase(rng.uniform(0, 2 * np.pi, shape[:-1]), shape[-1], dt)
-
-    def sample_means(
-        self, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
-    ) -> np.ndarray:
-        return self.sample(rng, shape, dt * block)
-
-    def at_phase(
-        self, phase: np.ndarray, n: int, dt: float, dtype: type = np.float64
-    ) -> np.ndarray:
-        """The interval means at given phases: phase (*S) in rad -> (*S, n), of this dtype.
-
-        By blocks, within which sin(a + b) = sin a cos b + cos a sin b: few sines are taken.
-        """
-        size = min(n, _TONE_BLOCK)
-        step, blocks = 2 * np.pi * self.f * dt, -(-n // size)
-        a = np.asarray(phase)[..., None] + step * (np.arange(blocks) * size + 0.5)
-        b = step * np.arange(size)
-        starts = self.amplitude * np.sinc(self.f * dt) * np.stack([np.sin(a), np.cos(a)], axis=-1)
-        within = np.stack([np.cos(b), np.sin(b)])
-        wave: np.ndarray = starts.astype(dtype) @ within.astype(dtype)  # (*S, blocks, size)
-        return wave.reshape(*np.shape(phase), blocks * size)[..., :n]
-
-    def allan_variance(self, tau: np.ndarray) -> np.ndarray:
-        x = self.f * np.asarray(tau, dtype=float)
-        return self.amplitude**2 * (np.sinc(x) * np.sin(np.pi * x)) ** 2
-
-    def covariance_of_means(self, n: int, dt: float, block: int = 1) -> np.ndarray:
-        lag = np.subtract.outer(np.arange(n), np.arange(n)) * dt * block
-        power = (self.amplitude * np.sinc(self.f * dt * block)) ** 2 / 2
-        return power * np.cos(2 * np.pi * self.f * lag)
 
 
 def allan_variance(terms: tuple, tau: np.ndarray) -> np.ndarray:

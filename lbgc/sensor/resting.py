@@ -59,7 +59,8 @@ def _is_carried(fit: Fit, angle: float) -> bool:
     """Whether angle quantisation of a count's size was found: that is how a count looks whose rest
     is carried over, and then no rounding is to be taken out. angle : of a count, unit s."""
     quantisation = fit.estimates.get("Q")
-    return quantisation is not None and quantisation.high > 0.9 * angle / np.sqrt(12)
+    least = 0.9 * AngleQuantisation.of_count(angle).Q
+    return quantisation is not None and quantisation.high > least
 
 
 def _slope(size: float, sigma: float) -> Estimate:
@@ -96,7 +97,7 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
 
 def _of_beats(fit: Fit, lsb: float, dt: float) -> Fit:
     """What is known of an axis whose counts beat: their quantisation, and nothing else."""
-    quantisation = AngleQuantisation(lsb * dt / np.sqrt(12))
+    quantisation = AngleQuantisation.of_count(lsb * dt)
     told = {name: Estimate(0.0, 0.0, np.inf, np.inf) for name in fit.estimates}
     told["Q"] = Estimate(*[quantisation.Q] * 4)
     spectrum = fit.spectrum

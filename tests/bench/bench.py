@@ -61,8 +61,9 @@ def error_model(count: int) -> Work:
                 triads, truths, (Purpose.GYRO, Purpose.ACCEL), strict=True
             ):
                 rng = streams.recording(1, i, purpose)
-                unit = triad.draw_unit(streams.unit(1, 0))
-                errors = triad.draw_run(rng, unit, triad.draw_session(streams.session(1, 0, 0)))
+                lasting = triad.draw_unit(streams.unit(1, 0))
+                lasting |= triad.draw_session(streams.session(1, 0, 0))
+                errors = triad.draw_run(rng, lasting)
                 triad.measure(rng, truth, errors, config.samples, 1 / config.rate_hz)
 
     return work

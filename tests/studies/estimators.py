@@ -343,7 +343,7 @@ def biased_windows(imu: ImuModel, turn: float, part: int) -> Labelled:
     """The same with a run's bias on each gyro."""
     own = sway_windows(None, part, turn)
     rng = np.random.default_rng((CASES["seed"], 1000 + part))
-    bias = rng.standard_normal((len(own), 1, 3)) * imu.gyro.bias_run
+    bias = rng.standard_normal((len(own), 1, 3)) * imu.gyro.bias("run")
     return replace(own, windows=replace(own.windows, gyro=own.windows.gyro + bias))
 
 

@@ -37,7 +37,6 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
-from lbgc.estimators.information import known
 from lbgc.estimators.static import mean
 from lbgc.export import ExportConfig
 from lbgc.frames import wrap
@@ -109,7 +108,7 @@ class Case:
         imu = config.imu.model(config.rate_hz)
         records = list(data.records(every))
         told = [
-            calibrated(r, *e, ("unit",), imu.warming)
+            calibrated(r, imu, *e, ("unit",))
             for r, e in zip(records, drawn_errors(data, every), strict=True)
         ]
         return Tested(records, told, imu)
@@ -126,7 +125,7 @@ class Tested:
         plain = {"mean": mean} if not bases else dict(bases)
         found = scored(iter([first(self.records, window_s)]),
                        {**plain, "learned": learned, "floor": floor}, self.imu)  # fmt: skip
-        knowing = known(self.imu, ("unit",))
+        knowing = self.imu.without("unit")
         best = scored(iter([first(self.told, window_s)]), {"told": floor}, knowing)
         return found | best
 

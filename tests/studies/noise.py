@@ -24,6 +24,7 @@ from lbgc.data import logs
 from lbgc.fit import FitConfig
 from lbgc.sensor import fitting, gaussian
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
+from lbgc.sensor.deterministic import Ramp, Sinusoid
 from lbgc.sensor.likelihood import Likelihood
 from lbgc.sensor.noise import (
     AngleQuantisation,
@@ -31,9 +32,7 @@ from lbgc.sensor.noise import (
     Flicker,
     GaussMarkov,
     Line,
-    Ramp,
     RandomWalk,
-    Sinusoid,
     White,
 )
 from lbgc.sensor.ordinates import ordinates

@@ -32,7 +32,6 @@ from lbgc.data.windows import Labelled
 from lbgc.earth import EARTH_RATE, earth_rate_ned
 from lbgc.estimators.course import Site
 from lbgc.estimators.estimate import Estimator
-from lbgc.estimators.information import known
 from lbgc.estimators.optimal import information
 from lbgc.estimators.static import mean
 from lbgc.frames import rotation_z, wrap
@@ -124,7 +123,7 @@ class Experiment:
 
     @property
     def knowing(self) -> ImuModel:
-        return known(self.imu, ("unit",))
+        return self.imu.without("unit")
 
     def by_name(self, window_s: float) -> dict[str, np.ndarray]:
         """|error| of each test recording's first window, degrees."""
@@ -151,9 +150,7 @@ def experiment() -> Experiment:
     records = list(test.records(every))
     errors = drawn_errors(test, every)
     imu = config("test").imu.model(600.0)
-    known_unit = [
-        calibrated(r, *e, ("unit",), imu.warming) for r, e in zip(records, errors, strict=True)
-    ]
+    known_unit = [calibrated(r, imu, *e, ("unit",)) for r, e in zip(records, errors, strict=True)]
     bias = hours.label("gyro_bias_unit") + hours.label("gyro_bias_run")
     one, other = (list(d.records(np.arange(len(d)))) for d in (hours, single))
     return Experiment(records, known_unit, one, bias, other, imu, Learned.load(run))

@@ -29,7 +29,8 @@ from lbgc.errors import InputError
 from lbgc.evaluate import EvaluateConfig
 from lbgc.fit import FitConfig
 from lbgc.frames import euler_to_matrix
-from lbgc.sensor.imu import Disturbance, ImuModel
+from lbgc.sensor.errors import Surroundings
+from lbgc.sensor.imu import ImuModel
 
 COLUMNS = ("w_x", "w_y", "w_z", "f_x", "f_y", "f_z")
 FRAMES = (
@@ -99,8 +100,8 @@ def drawn(log: Log, seed: int) -> tuple[np.ndarray, np.ndarray]:
     force = c_nb.T @ np.array([0.0, 0.0, -normal_gravity(float(latitude))])
     out = []
     for triad, truth in ((log.imu.gyro, omega), (log.imu.accel, force)):
-        errors = triad.draw_run(rng, triad.draw_unit(rng), triad.draw_session(rng))
-        felt = Disturbance(force=force[:, None]) if triad is log.imu.gyro else None
+        errors = triad.draw_run(rng, triad.draw_unit(rng) | triad.draw_session(rng))
+        felt = Surroundings(force=force[:, None]) if triad is log.imu.gyro else None
         printed, _ = triad.measure(rng, truth[:, None], errors, n, log.imu.dt, felt)
         count = triad.output_scale(log.imu.dt)
         out.append(printed.T * (1.0 if count is None else count))

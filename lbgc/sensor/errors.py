@@ -1,0 +1,178 @@
+"""Errors whose size is drawn once, and which then follow something that the sensor feels.
+
+A bias follows nothing, a scale factor error and a misalignment follow what is measured, a gyro's
+g-sensitivity follows the specific force; each may grow with the temperature besides. Of all of them
+the output on axis i is
+
+    e_i(t) = u(t) sum_j c_ij x_j(t),    c_ij ~ Normal(0, sigma_ij^2)
+
+with x what is felt, u either 1 or the temperature's rise since power-up, and c drawn once for a
+unit's life, a power-up or a recording. What they do together is linear in what is felt, and so is
+its inverse, which a calibrated record has.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+Triple = tuple[float, float, float]
+Drawn = dict[str, np.ndarray]
+"""What was drawn of a triad, by name: each (3,) or (3, 3); of several recordings with one more axis
+in front."""
+FIRST = (
+    *("bias_unit", "matrix", "g_sensitivity", "bias_per_k", "scale_per_k"),
+    *("bias_session", "bias_run"),
+)
+"""What is drawn first, in this order: changing it changes every dataset's bytes. What was added
+since is drawn after these of its lifetime, and only of a sensor that has it."""
+LIFETIMES = ("unit", "session", "run")
+ONE, TRUTH, FORCE = "nothing", "truth", "force"
+"""What an error may follow: nothing, what its sensor measures, or the specific force."""
+NONE: Triple = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Proportional:
+    """One kind of error that is drawn once.
+
+    own, cross : 1 sigma of c_ii and of c_ij, of each axis i. With `own` alone c is diagonal and
+    drawn as a vector; with `cross` alone all of a row has that size.
+    """
+
+    name: str
+    """What datasets call it"""
+    cause: str
+    """What an error budget calls it"""
+    lifetime: str
+    follows: str
+    own: Triple | None = None
+    cross: Triple | None = None
+    warms: bool = False
+    """Whether it grows with the temperature's rise since power-up"""
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """1 sigma of c, (3, 3)."""
+        if self.cross is None:
+            return np.diag(self.own or NONE)
+        rows = np.repeat(np.array(self.cross)[:, None], 3, axis=1)
+        return rows if self.own is None else np.where(np.eye(3) > 0, np.diag(self.own), rows)
+
+    def draw(self, rng: np.random.Generator, shape: tuple[int, ...] = ()) -> np.ndarray:
+        """c, (*S, 3, 3), or its diagonal, (*S, 3), of so many sensors (or recordings)."""
+        if self.name not in FIRST and not self.sigma.any():
+            return np.zeros((*shape, *self.none().shape))
+        if self.cross is None:
+            return rng.standard_normal((*shape, 3)) * (self.own or NONE)
+        rows = rng.standard_normal((*shape, 3, 3)) * np.array(self.cross)[:, None]
+        if self.own is None:
+            return rows
+        own = rng.standard_normal((*shape, 3)) * self.own
+        return np.where(np.eye(3) > 0, own[..., None], rows)
+
+    def none(self) -> np.ndarray:
+        """c of a sensor that has no such error, (3, 3) or (3,)."""
+        return np.zeros(3 if self.cross is None else (3, 3))
+
+    def along(self, felt: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+        """What 1 sigma of each coefficient makes of what is followed, felt (G, 3, *S): the axis
+        that prints it, and (G, *S)."""
+        for i, j in np.argwhere(self.sigma > 0):
+            yield int(i), self.sigma[i, j] * felt[:, j]
+
+    def sized(self, which: str, size: Triple) -> "Proportional":
+        """The same with `own` or `cross` of this size."""
+        return replace(self, own=size) if which == "own" else replace(self, cross=size)
+
+    def gone(self) -> "Proportional":
+        """The same of a sensor that has none, or whose own is known and taken out."""
+        own, cross = (None if size is None else NONE for size in (self.own, self.cross))
+        return replace(self, own=own, cross=cross)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What acts on a triad beside what it measures."""
+
+    force: np.ndarray | None = None
+    """(*S, 3, n) or (*S, 3, 1), m/s^2: the specific force that gyros are sensitive to"""
+    rise_k: float = 0.0
+    """Temperature at the end of warming up, less that at power-up"""
+    time_s: float = 600.0
+    """Time constant of warming up"""
+    since_power_up_s: float = 0.0
+
+    def felt(self, kind: str) -> np.ndarray | None:
+        """What errors of a kind follow, (*S, 3, n or 1), where it acts at all."""
+        return {FORCE: self.force}.get(kind)
+
+    def rise(self, n: int, dt: float, start: int = 0) -> np.ndarray:
+        """Means over (t_k - dt, t_k] of the temperature's rise since power-up, (n,), K, from so
+        many intervals after the recording's start on."""
+        since = (self.since_power_up_s + np.arange(start, start + n) * dt) / self.time_s
+        u = dt / self.time_s
+        return self.rise_k * (1 - np.exp(-since) * -np.expm1(-u) / u)
+
+
+def printed(
+    errors: Iterable[Proportional],
+    drawn: Drawn,
+    truth: np.ndarray,
+    around: Surroundings,
+    warmth: np.ndarray | None,
+) -> np.ndarray:
+    """What a sensor with these errors makes of the truth, (*S, 3, n or 1), both.
+
+    warmth : (n,), K, the temperature's rise since power-up; None where there is none."""
+    steady, warm = _sums(errors, drawn)
+    signal = (np.eye(3) + steady.pop(TRUTH)) @ truth + steady.pop(ONE)[..., None]
+    for kind, c in steady.items():
+        x = around.felt(kind)
+        if x is not None:
+            signal = signal + c @ x
+    if warmth is not None:
+        signal = signal + warm[ONE][..., None] * warmth
+        signal = signal + warm[TRUTH] @ truth * warmth
+    return np.asarray(signal)
+
+
+def undone(
+    errors: Iterable[Proportional],
+    drawn: Drawn,
+    printed: np.ndarray,
+    around: Surroundings,
+    warmth: np.ndarray | None,
+) -> np.ndarray:
+    """The truth, (3, n), of which a sensor with these errors alone has printed this, (3, n)."""
+    steady, warm = _sums(errors, drawn)
+    left = printed - steady.pop(ONE, np.zeros(3))[:, None]
+    gain = np.eye(3) + steady.pop(TRUTH, np.zeros((3, 3)))
+    for kind, c in steady.items():
+        x = around.felt(kind)
+        if x is not None:
+            left = left - c @ x
+    if warmth is None or not warm:
+        return np.linalg.solve(gain, left)
+    left = left - warm[ONE][:, None] * warmth
+    gains = gain + warmth[:, None, None] * warm[TRUTH]
+    return np.linalg.solve(gains, left.T[..., None])[..., 0].T
+
+
+def _sums(errors: Iterable[Proportional], drawn: Drawn) -> tuple[Drawn, Drawn]:
+    """The sum of what was drawn of errors that follow the same, by what they follow: (*S, 3) of
+    what follows nothing, (*S, 3, 3) else; of errors that are steady, and of those that grow with
+    the temperature."""
+    steady: Drawn = {}
+    warm: Drawn = {}
+    for error in errors:
+        sums, c = warm if error.warms else steady, drawn[error.name]
+        if error.cross is None and error.follows != ONE:
+            c = c[..., None] * np.eye(3)
+        sums[error.follows] = sums[error.follows] + c if error.follows in sums else c
+    return steady, warm
+
+
+def rows(drawn: Drawn, pick: np.ndarray | slice | int) -> Drawn:
+    """What was drawn of some of several units (or recordings)."""
+    return {name: values[pick] for name, values in drawn.items()}
