@@ -22,9 +22,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from lbgc.commands import run_main
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
-from lbgc.errors import InputError, require, require_choice, require_positive, run_main
+from lbgc.errors import InputError, require, require_choice, require_positive
 from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled, Site
 from lbgc.estimators.estimate import Estimate
 from lbgc.estimators.information import AS_LENGTHS, across, along, bayes

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from lbgc.commands import run_main
 from lbgc.data import logs, rest
 from lbgc.data.record import Record
 from lbgc.data.static import AXES
 from lbgc.data.store import Dataset
 from lbgc.earth import EARTH_RATE, heading_exists
-from lbgc.errors import InputError, require, run_main
+from lbgc.errors import InputError, require
 from lbgc.estimators.level import level
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.calibrated import report

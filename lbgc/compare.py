@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.errors import InputError, require, run_main
+from lbgc.commands import run_main
+from lbgc.errors import InputError, require
 from lbgc.learning import description
 from lbgc.learning.description import DESCRIPTION
 from lbgc.learning.estimator import compute_torch, load_net

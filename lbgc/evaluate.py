@@ -16,10 +16,11 @@ from tqdm import tqdm
 
 from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.bound import floor
+from lbgc.commands import run_main
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
-from lbgc.errors import InputError, build, require, require_choice, require_positive, run_main
+from lbgc.errors import InputError, build, require, require_choice, require_positive
 from lbgc.estimators import CLASSICAL, coarse, static
 from lbgc.estimators.estimate import Estimator
 from lbgc.outcome import document_of, doubts, outcome_of

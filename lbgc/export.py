@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lbgc.errors import InputError, require, run_main
+from lbgc.commands import run_main
+from lbgc.errors import InputError, require
 from lbgc.learning import onnx
 from lbgc.learning.estimator import compute_torch, load_net
 from lbgc.sensor import streams

@@ -11,11 +11,12 @@ import numpy as np
 from tqdm import tqdm
 
 from lbgc import calibrate
+from lbgc.commands import run_main
 from lbgc.data import logs
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
-from lbgc.errors import InputError, require, require_positive, run_main
+from lbgc.errors import InputError, require, require_positive
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.fitted import of_axes, of_axis, report

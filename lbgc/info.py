@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from lbgc.commands import run_main
 from lbgc.data import manifest, store
 from lbgc.data.schema import SPLITS, VARIABLES
 from lbgc.data.store import Dataset
-from lbgc.errors import require, require_positive, run_main
+from lbgc.errors import require, require_positive
 from lbgc.outputs import mark_latest, task_directory, write_atomically
 from lbgc.report.figures import dataset_overview, png
 

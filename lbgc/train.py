@@ -11,6 +11,7 @@ import numpy as np
 from safetensors.torch import save
 from tqdm import tqdm
 
+from lbgc.commands import run_main
 from lbgc.data.record import whole_multiple
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, stack
@@ -22,7 +23,6 @@ from lbgc.errors import (
     require_choice,
     require_not_negative,
     require_positive,
-    run_main,
 )
 from lbgc.learning import board, description
 from lbgc.learning.augment import AugmentConfig

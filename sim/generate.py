@@ -16,13 +16,14 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import lbgc
+from lbgc.commands import run_main
 from lbgc.data import store
 from lbgc.data.place import Place
 from lbgc.data.record import whole_multiple
 from lbgc.data.schema import SCHEMA
 from lbgc.data.shard import Shard
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
-from lbgc.errors import require, require_choice, require_positive, run_main
+from lbgc.errors import require, require_choice, require_positive
 from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.datasheet import ImuConfig

@@ -9,12 +9,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from lbgc.errors import (
-    require,
-    require_not_negative,
-    require_positive,
-    run_main,
-)
+from lbgc.commands import run_main
+from lbgc.errors import require, require_not_negative, require_positive
 from sim import opengl
 from sim.disturbance import FloorConfig
 from sim.sway import JOINTS, SwayConfig

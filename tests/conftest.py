@@ -24,7 +24,7 @@ import lbgc.info
 import lbgc.train
 import sim.generate
 import sim.render
-from lbgc.errors import run_main
+from lbgc.commands import run_main
 
 ENTRY_POINTS = {
     "sim.generate": (sim.generate.main, sim.generate.GenerateConfig, "generate"),

@@ -24,6 +24,7 @@ from safetensors.torch import save
 
 from lbgc import configs
 from lbgc.calibrate import COLUMNS
+from lbgc.commands import CONF
 from lbgc.data import logs, manifest, store
 from lbgc.data.documents import DOCUMENTS, Layout
 from lbgc.data.logs import LogConfig
@@ -32,7 +33,7 @@ from lbgc.data.record import mock_record
 from lbgc.data.schema import VARIABLES
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled
-from lbgc.errors import CONF, InputError, build, reading
+from lbgc.errors import InputError, build, reading
 from lbgc.evaluate import EvaluateConfig
 from lbgc.learning import description
 from lbgc.learning.augment import AugmentConfig

@@ -14,10 +14,11 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import sim.generate
+from lbgc.commands import CONF
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, cut
-from lbgc.errors import CONF, build
+from lbgc.errors import build
 from sim.generate import GenerateConfig
 
 ROOT = Path(__file__).parents[1]

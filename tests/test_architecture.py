@@ -21,7 +21,6 @@ BASE = {
     "lbgc.protocol",
     "lbgc.units",
     "lbgc.outputs",
-    "lbgc.configs",
     "lbgc.cores",
 }
 MAY_IMPORT = {
@@ -32,7 +31,8 @@ MAY_IMPORT = {
     "lbgc.configs": set(),
     "lbgc.cores": set(),
     "lbgc.sweeps": {"lbgc.outputs"},
-    "lbgc.errors": {"lbgc.units", "lbgc.configs", "lbgc.sweeps", "lbgc.outputs"},
+    "lbgc.errors": {"lbgc.units", "lbgc.outputs"},
+    "lbgc.commands": BASE | {"lbgc.configs", "lbgc.sweeps", "lbgc.sensor"},
     "lbgc.protocol": {"lbgc.errors"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},
@@ -71,8 +71,8 @@ ROOMS = {
     "PIL": {"sim/render.py"},
     "distributed": {"sim/cluster.py"},
     "fcntl": {"lbgc/data/place.py"},
-    "hydra": {"lbgc/errors.py"},
-    "omegaconf": {"lbgc/errors.py", "lbgc/configs.py"},
+    "hydra": {"lbgc/commands.py"},
+    "omegaconf": {"lbgc/commands.py", "lbgc/configs.py"},
     "yaml": {"lbgc/configs.py"},
     "allantools": {"lbgc/sensor/allan.py"},
     "torch": {"lbgc/learning/model.py", "lbgc/learning/filter.py", "lbgc/learning/loss.py",
@@ -209,6 +209,15 @@ def test_nobody_outside_the_sensor_asks_what_type_a_term_is():
 def test_files_can_be_read_in_one_sitting():
     for file in FILES:
         assert len(file.read_text().splitlines()) <= 400, file
+
+
+def test_who_uses_the_library_does_not_load_hydra():
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys, lbgc.protocol, lbgc.estimators, lbgc.data.logs; "
+         "print([m for m in sys.modules if m.split('.')[0] in ('hydra', 'omegaconf')])"],
+        capture_output=True, text=True, cwd=ROOT,
+    )  # fmt: skip
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("script", ENTRY_POINTS)

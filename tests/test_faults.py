@@ -18,11 +18,12 @@ import pytest
 from corruption import KINDS, flip
 from helpers import ROOT, generate
 
+from lbgc.commands import run_main
 from lbgc.data import manifest, place, store
 from lbgc.data.documents import DOCUMENTS, Layout, documents
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.store import Dataset
-from lbgc.errors import InputError, run_main
+from lbgc.errors import InputError
 from lbgc.info import InfoConfig, as_override
 from lbgc.outputs import fingerprint
 from sim.cluster import ClusterConfig, _uninterrupted, finished

@@ -5,7 +5,8 @@ import sys
 
 import numpy as np
 
-from lbgc.errors import InputError, run_main
+from lbgc.commands import run_main
+from lbgc.errors import InputError
 from lbgc.info import InfoConfig
 from lbgc.outputs import as_json, printable
 

@@ -11,7 +11,7 @@ from lbgc.sensor import kalibr
 from lbgc.sensor.conversion import to_si
 from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings
 from lbgc.sensor.imu import ImuModel, Timing, Triad
-from lbgc.sensor.rows import bias, drawn, figure
+from lbgc.sensor.rows import bias, drawn, figure, keys_of
 
 _GAIN, _WARMS = "scale and misalignment", "warming up"
 
@@ -297,3 +297,12 @@ def _validate(config: GyroConfig | AccelConfig) -> None:
     require(
         not both, names[1], counts[1], f"and {names[0]} are two outputs; give one, null the other"
     )
+
+
+def _alternatives(config: type) -> tuple[set[str], ...]:
+    keys = keys_of(config)
+    return set(keys["N"]), {*keys["B"], *keys["minimum"]}
+
+
+ALTERNATIVES = (*_alternatives(GyroConfig), *_alternatives(AccelConfig))
+"""Keys that say one thing in different units or words."""
