@@ -15,7 +15,6 @@ import numpy as np
 from tqdm import tqdm
 
 from lbgc.answers import Evaluation, Own, one_thread
-from lbgc.bound import floor
 from lbgc.commands import run_main
 from lbgc.data import logs
 from lbgc.data.schema import SPLITS
@@ -23,6 +22,7 @@ from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, build, require, require_choice, require_positive
 from lbgc.estimators import CLASSICAL, coarse, static
 from lbgc.estimators.estimate import Estimator
+from lbgc.estimators.floor import floor
 from lbgc.outcome import document_of, doubts, outcome_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.page import Result, Subject, table, write_page

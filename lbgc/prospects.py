@@ -5,8 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.bound import BoundConfig, bounds
+from lbgc.earth import heading_exists, normal_gravity
 from lbgc.errors import InputError, build
+from lbgc.estimators.course import Site
+from lbgc.estimators.floor import SETTLE_S, course_of, expected_floor
+from lbgc.estimators.optimal import information
 from lbgc.protocol import ProtocolConfig
 from lbgc.sensor.datasheet import ImuConfig
 
@@ -49,17 +52,14 @@ def prospects(configuration: Mapping[str, Any], window_s: float) -> str | None:
 def _floor_deg(
     configuration: Mapping[str, Any], imu: ImuConfig, known: tuple[str, ...], window_s: float
 ) -> float:
-    asked = BoundConfig(
-        latitude=float(configuration["latitude"]),
-        height_m=float(configuration["height_m"]),
-        rate_hz=float(configuration["rate_hz"]),
-        windows_s=[window_s],
-        known=list(known),
-        imu=imu,
-        protocol=build(ProtocolConfig, configuration["protocol"]),
-    )
-    (row,) = bounds(asked, asked.protocol) or [{"floor_deg": np.nan}]
-    return row["floor_deg"]
+    latitude = float(np.deg2rad(configuration["latitude"]))
+    if not heading_exists(latitude):
+        return float("nan")
+    site = Site(latitude, normal_gravity(latitude, float(configuration["height_m"])))
+    protocol = build(ProtocolConfig, configuration["protocol"])
+    model = imu.model(float(configuration["rate_hz"])).without(*known)
+    course = course_of(protocol, window_s, settle_s=SETTLE_S)
+    return float(np.rad2deg(expected_floor(information(model, course, site))))
 
 
 def _share(imu: ImuConfig, lifetimes: tuple[str, ...]) -> float:

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from helpers import composed
 
-from lbgc.bound import BoundConfig, floor
+from lbgc.bound import BoundConfig
 from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimate, Estimator
+from lbgc.estimators.floor import floor
 from lbgc.frames import euler_to_matrix, wrap
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.errors import Surroundings

@@ -45,8 +45,8 @@ MAY_IMPORT = {
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics", "lbgc.headings"},
     "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
     "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report", "lbgc.verdict"},
-    "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
-    "lbgc.prospects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.bound"},
+    "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
+    "lbgc.prospects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }
 ENTRY_POINTS = (

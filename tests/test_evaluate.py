@@ -14,10 +14,10 @@ from helpers import default_config, generate, needs_recording
 from test_logs import columns, spoiled, write
 
 import lbgc.subjects
-from lbgc.bound import course_of, crlb
 from lbgc.data.logs import LogConfig
 from lbgc.errors import build
 from lbgc.estimators.course import Site
+from lbgc.estimators.floor import course_of, crlb
 from lbgc.estimators.optimal import information
 from lbgc.evaluate import KNOWN, EvaluateConfig
 from lbgc.metrics import heading_errors, summarise

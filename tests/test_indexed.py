@@ -7,19 +7,13 @@ import pytest
 from helpers import composed
 from simulated import PROTOCOLS, windows
 
-from lbgc.bound import (
-    BoundConfig,
-    course_of,
-    crlb,
-    expected_floor,
-    floor,
-    white_crlb,
-)
+from lbgc.bound import BoundConfig
 from lbgc.data.windows import joined
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.floor import course_of, crlb, expected_floor, floor, white_crlb
 from lbgc.estimators.information import bayes
 from lbgc.estimators.optimal import budget, information, told
 from lbgc.estimators.plate import travel_within, usable

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from helpers import composed, default_config, generate, labelled
 
-from lbgc.bound import BoundConfig, bounds, course_of, crlb, expected_floor, floor
+from lbgc.bound import BoundConfig, bounds
 from lbgc.data.windows import Labelled, Windows, at_rate
 from lbgc.estimators import CLASSICAL, coarse
 from lbgc.estimators.course import Course, Site, block_size, levelled
+from lbgc.estimators.floor import course_of, crlb, expected_floor, floor
 from lbgc.estimators.optimal import fitted, information, told
 from lbgc.estimators.sources import timeless
 from lbgc.frames import wrap

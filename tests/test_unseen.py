@@ -10,13 +10,13 @@ from cases import write
 from helpers import default_config
 
 from lbgc import verdict
-from lbgc.bound import course_of
 from lbgc.data.record import Record
 from lbgc.data.windows import Labelled, Windows, cut, stack
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.estimators import circle
 from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.floor import course_of
 from lbgc.estimators.inertial import oba_bias
 from lbgc.estimators.static import gls, mean, triad
 from lbgc.frames import euler_to_matrix, wrap

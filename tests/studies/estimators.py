@@ -28,13 +28,13 @@ from simulated import swaying
 from tqdm import tqdm
 
 import sim.generate
-from lbgc.bound import course_of, crlb, floor, white_crlb
 from lbgc.data import logs
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, at_rate
 from lbgc.errors import require_choice
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.floor import course_of, crlb, floor, white_crlb
 from lbgc.estimators.optimal import Information, information
 from lbgc.estimators.sources import ANY_TILT, causes, factors, patterns, signal
 from lbgc.evaluate import EvaluateConfig

@@ -30,13 +30,13 @@ import lbgc.export
 import lbgc.train
 import sim.generate
 from lbgc import cores
-from lbgc.bound import floor
 from lbgc.data.calibrated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
+from lbgc.estimators.floor import floor
 from lbgc.estimators.static import mean
 from lbgc.export import ExportConfig
 from lbgc.frames import wrap

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from helpers import labelled
 
-from lbgc.bound import floor
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimator
+from lbgc.estimators.floor import floor
 from lbgc.frames import wrap
 from lbgc.metrics import Ratio, rmse_ratio
 from lbgc.sensor.imu import ImuModel

@@ -10,8 +10,8 @@ from helpers import ROOT
 from tqdm import tqdm
 
 from lbgc import verdict
-from lbgc.bound import floor
 from lbgc.data.record import Record
+from lbgc.estimators.floor import floor
 from lbgc.frames import wrap
 from lbgc.protocol import ProtocolConfig
 

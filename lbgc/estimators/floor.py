@@ -1,0 +1,118 @@
+"""The best that physics allows: the Bayes-optimal estimate of windows, and what to expect of it.
+
+Two bounds, both of the Gaussian model that `lbgc.estimators.information` states:
+
+- `crlb`, in closed form: the van Trees bound, errors being small against the circle. It is quoted
+  only below 6 degrees; above, angles no longer behave like lengths.
+- `floor`: the Bayes-optimal estimator itself (flat prior on the circle, circular mean of the
+  posterior). Its RMSE on a set of windows is the least that any estimator can have on windows drawn
+  by that model, and "over the floor" means over this, on the same windows.
+
+Both are of everything that gyros and accelerometers say: rests, steady motion, and each slew from
+rest to rest, in which the plate's known angle tells what misalignment and scale factor make of it.
+The base may lean: the latitude and the vertical gyro say what of Earth's vertical rate that brings.
+"""
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.earth import EARTH_RATE
+from lbgc.errors import require
+from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled
+from lbgc.estimators.estimate import Estimate
+from lbgc.estimators.information import AS_LENGTHS, across, along, bayes
+from lbgc.estimators.linear import answer, needs_model
+from lbgc.estimators.optimal import Information, check_fit, fitted
+from lbgc.frames import wrap
+from lbgc.protocol import ProtocolConfig, plan
+from lbgc.sensor import streams
+from lbgc.sensor.imu import ImuModel
+
+HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
+"""rad, over which errors are averaged."""
+DRAWS = 3000
+SETTLE_S = 1.6
+"""s, that the servo of sim/ takes to bring the plate to rest after a slew."""
+
+
+def white_crlb(N: float, latitude: float, duration_s: float) -> float:
+    """1 sigma, rad, of white rate noise alone: N/(Omega cos(lat) sqrt(T)), the paper's case.
+
+    N : rad/sqrt(s); latitude : rad.
+    """
+    return float(N / (EARTH_RATE * np.cos(latitude) * np.sqrt(duration_s)))
+
+
+def crlb(told: Information, reference_sigma: float = 0.0) -> float:
+    """RMS over headings of the least standard deviation, rad; NaN above 6 degrees.
+
+    reference_sigma : rad, of the reference, where errors are taken from one that errs.
+    """
+    rms = float(np.sqrt(small_errors(told) + reference_sigma**2))
+    return rms if rms < AS_LENGTHS else float("nan")
+
+
+def expected_floor(told: Information, reference_sigma: float = 0.0, draws: int = DRAWS) -> float:
+    """RMSE that the Bayes-optimal estimator is to be expected to have, rad: over headings and over
+    the law of h, Normal(J q, J), which is all that the data tell. Seeded, to about 1%.
+
+    Small errors are nearly n'(h - J q)/(n' J n), whose mean square is known: their difference has
+    far less spread than they have.
+    """
+    rng = streams.figures()
+    psi = rng.uniform(-np.pi, np.pi, draws)
+    q, n = along(psi), across(psi)
+    J = told.J[0]
+    values, vectors = np.linalg.eigh(J)
+    noise = rng.standard_normal((draws, 2)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    square = wrap(bayes(q @ J + noise, J).heading - psi) ** 2
+    sigma = told.sigma(psi)
+    if np.median(sigma) < np.deg2rad(20.0):
+        linear = np.sum(n * noise, axis=1) * sigma**2
+        square = square - linear**2 + small_errors(told)
+    return float(np.sqrt(np.mean(square) + reference_sigma**2))
+
+
+def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """The Bayes-optimal estimate of windows, from the block means of at most 240 blocks at rest or
+    in steady motion. What is known of the sensor is taken out of both (`ImuModel.without`).
+
+    Slews are told by their means from rest to rest, and where these fit the sensor's model. The
+    plate's axis is taken as true: one that wobbles by some arcseconds turns the slews' rates by
+    less than is caught, and costs a tenth of the accuracy where there are many slews.
+
+    Raises InputError where a window's data scatter far more than the model says: on a base that
+    sways this is the optimum of nothing, and no floor.
+    """
+    model = needs_model("floor", imu)
+
+    def each(part: Levelled) -> Estimate:
+        found = fitted(model, part)
+        check_fit("floor", part.course, found.misfit)
+        return bayes(found.h, found.J)
+
+    return answer(windows, model, each, "floor")
+
+
+def course_of(
+    config: ProtocolConfig, duration_s: float, start_s: float = 0.0, settle_s: float = 0.0
+) -> Course:
+    """The course of a window that holds the whole protocol; settle_s : what the servo takes to
+    bring the plate to rest after each slew. Raises InputError where the window is too short."""
+    planned = plan(config, 0, duration_s)
+    fine = 40
+    interval = duration_s / MOST_BLOCKS
+    middles = (np.arange(MOST_BLOCKS * fine) + 0.5) * interval / fine
+    angle = planned.command(middles)[0]
+    ends = np.array([move.end_s for move in planned.moves])[:, None]
+    begin = np.arange(MOST_BLOCKS) * interval
+    over = (begin + interval > ends) & (begin < ends + settle_s)
+    settling = np.asarray(over.any(axis=0))
+    course = Course.planned(angle - planned.start, interval, start_s, fine, settling)
+    require(len(course.blocks) > 1, "windows_s", duration_s, "leaves no rest between the slews")
+    return course
+
+
+def small_errors(told: Information) -> float:
+    """Mean square over headings of errors that are small against the circle, rad^2."""
+    return float(np.mean(told.sigma(HEADINGS) ** 2))
