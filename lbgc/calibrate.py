@@ -17,7 +17,7 @@ from lbgc.data.static import AXES
 from lbgc.data.store import Dataset
 from lbgc.earth import EARTH_RATE, heading_exists
 from lbgc.errors import InputError, require
-from lbgc.estimators.level import level
+from lbgc.estimators.level import tilts_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report.calibrated import report
 from lbgc.sensor.calibration import FEWEST, calibrate, odd_one_out
@@ -29,8 +29,6 @@ _ONE_SIDED = 0.4
 """Length of the headings' mean direction, 1 where they are all one, from which it is said."""
 _LEANT = 1e-3
 """Scale per deg/h/g from which it is said."""
-_UPRIGHT = 10 * DEG
-"""Angle between the forward axis and the vertical, below which there is no heading."""
 
 
 @dataclass(frozen=True)
@@ -79,21 +77,6 @@ def main(config: CalibrateConfig) -> Path:
     return directory / "calibration.json"
 
 
-def tilt_of(force: np.ndarray, names: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Roll and pitch, (R,) each, rad, of mean forces at rest (R, 3). Raises InputError where the
-    forward axis has no heading."""
-    roll, pitch = level(force)
-    for name, angle in zip(names, pitch, strict=True):
-        if abs(angle) > np.pi / 2 - _UPRIGHT:
-            raise InputError(
-                name,
-                f"{angle / DEG:.1f}",
-                "deg",
-                "is the forward axis's pitch: it is vertical and has no heading",
-            )
-    return roll, pitch
-
-
 def _read(config: CalibrateConfig) -> Given:
     if config.means is not None:
         assert config.latitude is not None
@@ -114,7 +97,7 @@ def _read(config: CalibrateConfig) -> Given:
 def given_of(records: Iterable[Record], name: str, session: np.ndarray | None) -> Given:
     """Recordings' means, levelled. Raises InputError where one does not rest."""
     means = rest.means(records)
-    return Given(name, means, session, tilt_of(means.force, means.names))
+    return Given(name, means, session, tilts_of(means.force, means.names))
 
 
 def _table(path: str, latitude: float) -> Given:
@@ -126,7 +109,7 @@ def _table(path: str, latitude: float) -> Given:
     found = logs.columns(path, COLUMNS[:1], optional=FORCES).shape[1] - 1
     if found:
         force = logs.columns(path, FORCES)
-        tilt = tilt_of(force, names)
+        tilt = tilts_of(force, names)
     rates, latitudes = table[:, 1:4] * DEG, np.full(len(table), latitude)
     means = rest.Means(rates, force, table[:, 0] * DEG, latitudes, names, ())
     return Given(path, means, session, tilt)

@@ -10,20 +10,21 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from lbgc import calibrate
 from lbgc.commands import run_main
 from lbgc.data import logs
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, require_positive
+from lbgc.estimators.level import tilts_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.report import calibrated
 from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.sensor import axes, corner, warmup
-from lbgc.sensor.calibration import Calibration
+from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
 from lbgc.sensor.fitting import Fit
 
 SHORTEST_S = 60.0
@@ -82,7 +83,7 @@ def main(config: FitConfig) -> Path:
     (directory / "imu").mkdir(exist_ok=True)
     print(report(static, fits))
     calibration = None
-    if static.heading is not None and len(static.heading) >= calibrate.FEWEST:
+    if static.heading is not None and len(static.heading) >= FEWEST:
         calibration = _calibrated(static)
     sizes = bias_sizes(static, fits)
     if calibration is not None:
@@ -120,12 +121,12 @@ def _calibrated(static: Static) -> Calibration | None:
     names = [f"{static.name}, recording {i}" for i in range(len(static.heading))]
     rates = static.gyro.mean(axis=1)
     try:
-        tilt = calibrate.tilt_of(static.accel.mean(axis=1), names)
+        tilt = tilts_of(static.accel.mean(axis=1), names)
     except InputError as error:
         print(f"no bias by lifetime: {error}")
         return None
-    found = calibrate.calibrate(rates, static.heading, static.latitude, static.session, tilt)
-    print(calibrate.report(found, static.name))
+    found = calibrate(rates, static.heading, static.latitude, static.session, tilt)
+    print(calibrated.report(found, static.name))
     return found
 
 

@@ -290,7 +290,7 @@ def validation_error(run: Path) -> float:
 
 
 if __name__ == "__main__":
-    import lbgc.compare
+    import lbgc.learning.comparison
     import lbgc.train  # as which, and not as __main__, a launcher's processes know what is here
 
     run_main(
@@ -298,5 +298,5 @@ if __name__ == "__main__":
         lbgc.train.TrainConfig,
         "train",
         score=lbgc.train.validation_error,
-        summary=lbgc.compare.show,
+        summary=lbgc.learning.comparison.show,
     )

@@ -25,7 +25,7 @@ from sim.disturbance import Floor, pick
 from sim.kinematics import Felt
 from sim.physics import execute, execute_resting, execute_swaying, lead_steps
 from sim.poses import Bench, Executed
-from sim.scene import SceneConfig
+from sim.turntable import SceneConfig
 
 _POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
 _TOGETHER_VALUES = 1e5  # of each axis, of recordings on plates that move: worked out at once

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sim.scene import SceneConfig
+from sim.turntable import SceneConfig
 
 _LONGEST_S = 120
 

@@ -11,7 +11,7 @@ from lbgc.frames import NED_FROM_NWU, rotation_matrix
 from lbgc.units import factor
 from sim import kinematics
 from sim.kinematics import Felt
-from sim.scene import SceneConfig
+from sim.turntable import SceneConfig
 
 _BLOCK_S = 5.0  # of attitudes held at once as matrices
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from math import gcd
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +14,8 @@ from lbgc.sensor.errors import Drawn, Surroundings
 from lbgc.sensor.imu import Timing, Triad
 from lbgc.sensor.streams import Purpose
 from sim import motion
+from sim.configuration import GenerateConfig
 from sim.motion import Draw, Truth
-
-if TYPE_CHECKING:
-    from sim.generate import GenerateConfig
 
 _TOGETHER, _TOGETHER_VALUES = 64, 100_000
 """Recordings worked out at once, and values of each axis: they stay in the processor's cache."""
@@ -31,10 +28,10 @@ class Sensor:
     gyro: Triad
     accel: Triad
     timing: Timing
-    config: "GenerateConfig"
+    config: GenerateConfig
 
     @classmethod
-    def of(cls, config: "GenerateConfig") -> "Sensor":
+    def of(cls, config: GenerateConfig) -> "Sensor":
         imu = config.imu
         return cls(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
 
@@ -100,7 +97,7 @@ def _rows(each: Sequence[Drawn], pick: np.ndarray | slice) -> Drawn:
 
 
 def recordings(
-    config: "GenerateConfig", sensor: Sensor, rows: Sequence[int]
+    config: GenerateConfig, sensor: Sensor, rows: Sequence[int]
 ) -> Iterator[dict[str, np.ndarray]]:
     """All variables of these recordings, one after the other."""
     for part in batches(config, sensor, rows):
@@ -109,7 +106,7 @@ def recordings(
 
 
 def batches(
-    config: "GenerateConfig", sensor: Sensor, rows: Sequence[int]
+    config: GenerateConfig, sensor: Sensor, rows: Sequence[int]
 ) -> Iterator[dict[str, np.ndarray]]:
     """All variables of these recordings, some at a time, each of which depends on the configuration
     and on its own number alone."""
@@ -146,7 +143,7 @@ def batches(
         at = some.stop
 
 
-def _labels(config: "GenerateConfig", rows: Sequence[int]) -> tuple[list[float], np.ndarray]:
+def _labels(config: GenerateConfig, rows: Sequence[int]) -> tuple[list[float], np.ndarray]:
     """Where the bases point in their ranges, -0.5 to 0.5, and what the control module's headings
     are off by, (R,), rad."""
     rngs = streams.recordings(config.seed, rows, Purpose.LABELS)
@@ -155,14 +152,14 @@ def _labels(config: "GenerateConfig", rows: Sequence[int]) -> tuple[list[float],
     return share, sigma * np.array([rng.standard_normal() for rng in rngs])
 
 
-def _lifetimes(config: "GenerateConfig", rows: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def _lifetimes(config: GenerateConfig, rows: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Unit and session of each recording."""
     session, unit = np.divmod(np.array(rows), config.units)
     return unit, session % config.sessions
 
 
 def _measured(
-    config: "GenerateConfig",
+    config: GenerateConfig,
     sensor: Sensor,
     rows: Sequence[int],
     truth: Truth,
@@ -209,7 +206,7 @@ def _stacked(values: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(values[0])[None] if len(values) == 1 else np.stack(values)
 
 
-def _split(config: "GenerateConfig", rows: Sequence[int]) -> np.ndarray:
+def _split(config: GenerateConfig, rows: Sequence[int]) -> np.ndarray:
     """Which part each recording belongs to, whatever else is in the dataset.
 
     What is split by is dealt in blocks whose size is the sum of the shares (10 for 70:10:20), each

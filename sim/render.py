@@ -19,7 +19,7 @@ from lbgc.sensor.streams import Purpose, recording
 from sim import motion, opengl
 from sim.physics import execute
 from sim.poses import Bench
-from sim.scene import SceneConfig, load
+from sim.turntable import SceneConfig, load
 
 _FRAMES_A_S = 12.5  # a GIF counts in hundredths of a second
 _RATE_HZ = 100.0

@@ -21,6 +21,7 @@ import lbgc.evaluate
 import lbgc.export
 import lbgc.fit
 import lbgc.info
+import lbgc.learning.comparison
 import lbgc.train
 import sim.generate
 import sim.render
@@ -35,7 +36,7 @@ ENTRY_POINTS = {
     "lbgc.info": (lbgc.info.main, lbgc.info.InfoConfig, "info"),
     "lbgc.train": (
         *(lbgc.train.main, lbgc.train.TrainConfig, "train"),
-        *(lbgc.train.validation_error, lbgc.compare.show),
+        *(lbgc.train.validation_error, lbgc.learning.comparison.show),
     ),
     "lbgc.export": (lbgc.export.main, lbgc.export.ExportConfig, "export"),
     "lbgc.compare": (lbgc.compare.main, lbgc.compare.CompareConfig, "compare"),

@@ -66,7 +66,7 @@ ROOMS = {
     "zarr": {"lbgc/data/store.py", "lbgc/data/documents.py", "lbgc/data/codec.py"},
     "fsspec": {"lbgc/data/place.py"},
     "pyarrow": {"lbgc/data/tables.py"},
-    "mujoco": {"sim/scene.py", "sim/physics.py", "sim/render.py", "sim/opengl.py"},
+    "mujoco": {"sim/turntable.py", "sim/physics.py", "sim/render.py", "sim/opengl.py"},
     "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py", "lbgc/report/allan_page.py"},
     "PIL": {"sim/render.py"},
     "distributed": {"sim/cluster.py"},
@@ -188,6 +188,32 @@ def test_nothing_is_unpickled():
         assert "torch.load" not in text
 
 
+def modules() -> dict[str, set[str]]:
+    """The project's modules, and which others of them each imports."""
+    names = {".".join(f.relative_to(ROOT).with_suffix("").parts): f for f in FILES}
+    names = {name.removesuffix(".__init__"): file for name, file in names.items()}
+    found = {}
+    for name, file in names.items():
+        wanted = {n if n in names else n.rpartition(".")[0] for n in imports(file)}
+        found[name] = (wanted & names.keys()) - {name, "lbgc", "sim"}
+    return found
+
+
+def test_no_two_files_import_each_other_round_a_circle():
+    """Annotations included."""
+    left = modules()
+    while left:
+        ends = {name for name, wanted in left.items() if not wanted & left.keys()}
+        assert ends, f"a circle among {sorted(left)}"
+        left = {name: wanted for name, wanted in left.items() if name not in ends}
+
+
+def test_nothing_imports_an_entry_point():
+    entries = {script.removesuffix(".py").replace("/", ".") for script in ENTRY_POINTS}
+    for name, wanted in modules().items():
+        assert not wanted & (entries - {name}), name
+
+
 def test_nobody_outside_the_sensor_asks_what_type_a_term_is():
     """The classes of lbgc.sensor's error terms are named in lbgc/sensor alone: all others sum what
     every term can tell."""
@@ -264,7 +290,7 @@ def test_the_configuration_files_mirror_the_dataclasses():
     from sim.cluster import ClusterConfig
     from sim.generate import GenerateConfig
     from sim.render import ViewConfig
-    from sim.scene import SceneConfig
+    from sim.turntable import SceneConfig
 
     conf = ROOT / "conf"
 

@@ -5,8 +5,9 @@ from dataclasses import asdict
 import pytest
 from safetensors.torch import save
 
-from lbgc.compare import CompareConfig, compare, main, runs
+from lbgc.compare import CompareConfig, main
 from lbgc.errors import InputError
+from lbgc.learning.comparison import compare, runs
 from lbgc.learning.description import compose
 from lbgc.learning.model import ModelConfig, make
 from lbgc.sensor.datasheet import ImuConfig

@@ -191,7 +191,7 @@ def test_the_bounds_plan_settles_as_the_bench_does():
     """The blocks at rest after each slew, of the bench's own encoder and of the plan."""
     from sim.physics import execute
     from sim.poses import Bench
-    from sim.scene import SceneConfig
+    from sim.turntable import SceneConfig
 
     protocol = floor_cases.EIGHT
     bench = Bench(SceneConfig(), 100.0, 12_000)

@@ -17,8 +17,8 @@ from sim.disturbance import FloorConfig, VibrationConfig
 from sim.motion import Draw, Truth, truth
 from sim.physics import execute
 from sim.poses import Bench
-from sim.scene import SceneConfig, load, plate_inertia
 from sim.sway import SwayConfig
+from sim.turntable import SceneConfig, load, plate_inertia
 
 DEG, ARCSEC = np.pi / 180, np.pi / 180 / 3600
 SCENE = SceneConfig()

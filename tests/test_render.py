@@ -11,7 +11,7 @@ from PIL import Image
 
 from lbgc.report.figures import strips
 from sim.picture import try_picture
-from sim.scene import SceneConfig
+from sim.turntable import SceneConfig
 
 
 def scene(tmp_path, *options, **environment) -> subprocess.CompletedProcess:

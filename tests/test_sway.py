@@ -10,8 +10,8 @@ from helpers import default_config
 
 from lbgc.errors import InputError
 from lbgc.frames import NED_FROM_NWU, matrix_to_euler
-from sim.scene import SceneConfig, load
 from sim.sway import JOINTS, SwayConfig, forces, spells
+from sim.turntable import SceneConfig, load
 
 SWAY = SwayConfig(level=1.0)
 STILL = replace(

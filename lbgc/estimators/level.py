@@ -1,6 +1,13 @@
 """Attitude of a resting IMU from one specific force and one rate."""
 
+from collections.abc import Iterable
+
 import numpy as np
+
+from lbgc.errors import InputError
+
+_UPRIGHT = np.deg2rad(10.0)
+"""Angle between the forward axis and the vertical, below which there is no heading."""
 
 
 def level(f_ib_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -22,3 +29,18 @@ def gyrocompass(omega_ib_b: np.ndarray, roll: np.ndarray, pitch: np.ndarray) -> 
     sine = -y * np.cos(roll) + z * np.sin(roll)
     cosine = x * np.cos(pitch) + y * np.sin(roll) * np.sin(pitch) + z * np.cos(roll) * np.sin(pitch)
     return np.arctan2(sine, cosine)
+
+
+def tilts_of(force: np.ndarray, names: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch, (R,) each, rad, of mean forces at rest (R, 3). Raises InputError where the
+    forward axis has no heading."""
+    roll, pitch = level(force)
+    for name, angle in zip(names, pitch, strict=True):
+        if abs(angle) > np.pi / 2 - _UPRIGHT:
+            raise InputError(
+                name,
+                f"{np.rad2deg(angle):.1f}",
+                "deg",
+                "is the forward axis's pitch: it is vertical and has no heading",
+            )
+    return roll, pitch

@@ -32,7 +32,7 @@ from lbgc.report.figures import AXIS_NAMES
 from lbgc.sensor import streams
 from sim import motion, physics
 from sim.poses import Bench
-from sim.scene import SceneConfig, load
+from sim.turntable import SceneConfig, load
 
 CASES = cases("motion")
 DEG = np.pi / 180
