@@ -187,6 +187,23 @@ def test_a_warm_up_is_known_to_the_filter_too():
     assert scores["ekf"].nees == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.parametrize("protocol", [floor_cases.TWO, floor_cases.CAROUSEL],
+                         ids=lambda protocol: protocol.name)  # fmt: skip
+def test_scale_factors_that_warm_up_are_known_to_floor_and_filter(protocol):
+    """20 K at up to 300 ppm/K. The mean of 400 normalised squares has a spread of sqrt(2/400) = 7%;
+    three of them."""
+    warms = ("imu.temperature.rise_k=20", "imu.temperature.time_s=300",
+             "imu.gyro.bias_per_k_deg_per_h_per_k=0.5", "imu.gyro.scale_per_k_ppm_per_k=300",
+             "imu.accel.scale_per_k_ppm_per_k=100")  # fmt: skip
+    case = floor_cases.Case("warms", "sdc500", protocol, 240.0, 2.0, lean_deg=2.0, overrides=warms)
+    imu = case.model()
+    drawn = floor_cases.draw(case, imu, 400, seed=11)
+    for estimate in (floor, CLASSICAL["ekf"]):
+        found = estimate(drawn.windows, imu)
+        squares = (wrap(found.heading - drawn.heading) / found.sigma) ** 2
+        assert np.mean(squares) == pytest.approx(1.0, abs=3 * np.sqrt(2 / 400))
+
+
 def test_the_bounds_plan_settles_as_the_bench_does():
     """The blocks at rest after each slew, of the bench's own encoder and of the plan."""
     from sim.physics import execute

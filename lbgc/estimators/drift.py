@@ -84,12 +84,13 @@ def _down(gravity: np.ndarray) -> np.ndarray:
     return np.stack([none, none, gravity**2], axis=1)
 
 
-def turning(imu: ImuModel, when: When) -> np.ndarray:
-    """Variance of what each gyro makes of a rate about z, by that rate, (W, 3): misalignment, and
-    z's scale factor, with what they have warmed by in the middle of a window."""
-    warmth = rise(imu.warming, when.start_s + when.duration_s / 2)
-    steady, warm = (imu.gyro.variance(TRUTH, warms)[:, 2] for warms in (False, True))
-    return np.asarray(steady + np.outer(warmth**2, warm))
+def turning(imu: ImuModel, when: When) -> tuple[np.ndarray, np.ndarray]:
+    """What each gyro makes of a rate about z, by that rate: misalignment, and z's scale factor.
+    Their variance at each window's start, (W, 3), and what each second adds to it as they warm."""
+    steady, by_kelvin = (imu.gyro.variance(TRUTH, warms)[:, 2] for warms in (False, True))
+    warm, warmer = (rise(imu.warming, when.start_s + t) for t in (0.0, when.duration_s))
+    walk = np.outer((warmer - warm) ** 2 / when.duration_s, by_kelvin)
+    return steady + np.outer(warm**2, by_kelvin), walk
 
 
 def _drift(

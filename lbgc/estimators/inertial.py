@@ -154,7 +154,9 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.
         return of_any, of_any
     when = drift.When.of(windows)
     law = drift.of_gyro(imu, when)
-    turning = np.mean(windows.gyro[..., 2], axis=1)[:, None] ** 2 * drift.turning(imu, when)
+    start, walk = drift.turning(imu, when)
+    by_rate = start + walk * when.duration_s / 2
+    turning = np.mean(windows.gyro[..., 2], axis=1)[:, None] ** 2 * by_rate
     every = np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS
     return np.sqrt(turning), np.asarray(every)
 

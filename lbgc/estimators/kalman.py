@@ -186,7 +186,8 @@ class _Law:
         start, driven, decay = np.zeros((w, states)), np.zeros((w, states)), np.ones(states)
         start[:, PHI] = _TILT_SIGMA**2, _TILT_SIGMA**2, 0.0
         start[:, V], start[:, Q] = _SHAKEN**2, _Q_SIGMA**2
-        start[:, M] = drift.turning(imu, when)
+        start[:, M], of_turning = drift.turning(imu, when)
+        driven[:, M] = of_turning * h
         for law, constant, wanders in ((gyro, BG, WG), (accel, BA, WA)):
             start[:, constant], start[:, wanders] = law.constant, law.wander
             driven[:, constant] = law.walk * h
