@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from helpers import ROOT
+from recording import HELP
 
 FILES = sorted([*(ROOT / "lbgc").rglob("*.py"), *(ROOT / "sim").rglob("*.py")])
 
@@ -249,11 +250,12 @@ def test_who_uses_the_library_does_not_load_hydra():
 @pytest.mark.parametrize("script", ENTRY_POINTS)
 def test_every_entry_point_runs_from_another_directory(script, tmp_path):
     """`python lbgc/train.py` puts lbgc/ itself first on the import path: no module there may
-    shadow another's. Nor does it wait for libraries that it may not need."""
+    shadow another's. Nor does it wait for libraries that it may not need. It says what it said."""
     command = [sys.executable, "-X", "importtime", str(ROOT / script), "--help"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout
+    recorded = HELP / f"{script.removesuffix('.py').replace('/', '.')}.txt"
+    assert done.stdout == recorded.read_text(), "a help text changed; if it is meant, make golden"
     imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
     assert "numpy" in imported
     assert not {library for library, who in SLOW.items() if script in who} & imported

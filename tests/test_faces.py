@@ -45,7 +45,7 @@ GYRO = {
 """Figures that make one kind of error, large enough to be nothing else."""
 SWINGS = ("line", "resonance", "tone")
 """What swings a filter knows by its size in the integral, not by its phase."""
-REDUCED = {"K": 1.03, "B": 1.12, "R": 2.7, "bias_per_k": 1.5}
+REDUCED = {"K": 1.03, "B": 1.12, "R": 3.0, "bias_per_k": 1.5}
 """How many times the exact variance a filter of few states may have of it; 1.02 else, and 0.98 at
 the least. A ramp, and a warming bias where that is no state of its own, are to it a constant that
 walks."""

@@ -35,7 +35,7 @@ from lbgc.estimators.static import mean
 from lbgc.protocol import plan
 from lbgc.sensor import streams
 from lbgc.sensor.streams import Purpose
-from sim import physics, scene
+from sim import physics, turntable
 from sim.generate import GenerateConfig
 from sim.poses import Bench
 
@@ -137,7 +137,7 @@ def rollout(count: int) -> Work:
     """The physics of so many recordings in a vehicle alone: mujoco.rollout on one thread."""
     config = in_vehicle()
     bench = Bench(config.scene, config.rate_hz, config.samples)
-    model = scene.load(config.scene, normal_gravity(float(np.deg2rad(config.latitude))))
+    model = turntable.load(config.scene, normal_gravity(float(np.deg2rad(config.latitude))))
     steps = physics.lead_steps(bench) + bench.samples * bench.steps + 2
     state = physics._state(model, 0.0)
     block = round(physics._BLOCK_S * config.scene.physics_hz)
