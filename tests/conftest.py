@@ -44,6 +44,17 @@ ENTRY_POINTS = {
 }
 
 
+FIRST = (
+    *("test_readme", "test_swaying", "test_studies", "test_studies_learning", "test_contributing"),
+    *("test_cluster", "test_sweeps", "test_bench", "test_make", "test_faults", "test_lean"),
+)
+"""Files of few and slow tests: begun last, one of them would run on alone when all else is done."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.stem not in FIRST)
+
+
 class Outcome:
     """What an entry point did: its exit code and what it printed."""
 

@@ -15,7 +15,7 @@ from lbgc.estimators.optimal import spread_of
 from lbgc.sensor import errors
 from lbgc.sensor.imu import ImuModel
 
-COUNT = 1500
+COUNT = 1000
 CASES = {
     "two positions": floor_cases.Case("", "ideal", floor_cases.TWO, 120.0),
     "carousel": floor_cases.Case("", "ideal", floor_cases.CAROUSEL, 120.0),
@@ -79,8 +79,8 @@ def looks(part: Levelled) -> np.ndarray:
 @pytest.mark.parametrize("course", CASES)
 @pytest.mark.parametrize("kind", GYRO)
 def test_what_is_drawn_is_what_the_floor_expects(kind, course, perfect):
-    """Variances of three looks at each gyro, by 1,500 recordings of as many units: 5 of a
-    variance's standard errors, sqrt(2/1500), which a ramp's or a tone's are below."""
+    """Variances of three looks at each gyro, by 1,000 recordings of as many units: 5 of a
+    variance's standard errors, sqrt(2/1000), which a ramp's or a tone's are below."""
     if kind == "filter" and course == "two positions":
         pytest.skip(
             "what moves comes later through a filter: its end is no part of the slew's block"
