@@ -42,4 +42,4 @@ def normal_gravities(latitude: np.ndarray, height: float = 0.0) -> np.ndarray:
 
 def heading_exists(latitude: float | np.ndarray) -> np.ndarray:
     """Whether north is a direction: everywhere but within a millionth of a degree of a pole."""
-    return np.cos(np.asarray(latitude)) > np.deg2rad(1e-6)
+    return np.asarray(np.cos(np.asarray(latitude)) > np.deg2rad(1e-6))

@@ -90,7 +90,7 @@ def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     cross = skew(vector)
     half = np.sinc(angle / (2 * np.pi))  # sin(a/2)/(a/2)
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross))
 
 
 def skew(vector: np.ndarray) -> np.ndarray:

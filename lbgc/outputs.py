@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 
-def fingerprint(configuration: Mapping) -> str:
+def fingerprint(configuration: Mapping[str, Any]) -> str:
     """A short name for a configuration: equal for equal content, whatever the order of its keys."""
     content = json.dumps(configuration, sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:16]

@@ -175,7 +175,7 @@ def _indexed(
         _check_duration("angles_deg", list(config.angles_deg), slewing, duration_s)
         dwells = [(duration_s - slewing) / count] * count
     else:
-        dwells = list(cast(tuple, np.broadcast_to(config.dwell_s, count).tolist()))
+        dwells = list(cast(tuple[float, ...], np.broadcast_to(config.dwell_s, count).tolist()))
         taken = slewing + sum(dwells)
         given = config.dwell_s
         _check_duration("dwell_s", list(given) if isinstance(given, tuple) else given, taken,

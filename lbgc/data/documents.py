@@ -80,7 +80,7 @@ class Layout:
         return range(shard * self.shard, min((shard + 1) * self.shard, self.recordings))
 
 
-def documents(layout: Layout, attributes: Mapping) -> dict[str, bytes]:
+def documents(layout: Layout, attributes: Mapping[str, Any]) -> dict[str, bytes]:
     """The files of DOCUMENTS, for a dataset of this layout and with these root attributes."""
     files: dict[str, Any] = {}
     root = zarr.create_group(MemoryStore(files), attributes=dict(attributes))
@@ -99,7 +99,7 @@ def documents(layout: Layout, attributes: Mapping) -> dict[str, bytes]:
             dimension_names=("shard", "byte"),
             attributes={"long_name": long_name},
         )
-    alike: dict[tuple, zarr.Array] = {}
+    alike: dict[tuple[Any, ...], zarr.Array[Any]] = {}
     for name, variable in VARIABLES.items():
         kind = (variable.dims, layout.dtype(name))
         if kind not in alike:  # Zarr takes most of a millisecond
@@ -133,7 +133,7 @@ def _attributes(name: str, layout: Layout) -> dict[str, Any]:
     return attributes
 
 
-def _create_array(root: zarr.Group, name: str, layout: Layout) -> zarr.Array:
+def _create_array(root: zarr.Group, name: str, layout: Layout) -> zarr.Array[Any]:
     """An array that is stored as this variable is."""
     sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
     variable = VARIABLES[name]
@@ -158,7 +158,7 @@ def _create_array(root: zarr.Group, name: str, layout: Layout) -> zarr.Array:
 
 def _create_coordinates(root: zarr.Group, layout: Layout) -> None:
     time = (np.arange(layout.samples) + 1) / layout.rate_hz
-    coordinates: tuple[tuple[str, np.ndarray, dict], ...] = (
+    coordinates: tuple[tuple[str, np.ndarray, dict[str, Any]], ...] = (
         ("time", time, {"units": "s", "long_name": "end of the sample's interval"}),
         ("axis", np.arange(3, dtype="int8"), {"units": "1", "long_name": "body axis"}),
     )

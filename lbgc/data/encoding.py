@@ -17,7 +17,8 @@ _ABSENT = np.uint64(2**64 - 1)
 
 def with_checksum(content: bytes) -> bytes:
     """Zarr's crc32c codec."""
-    return content + google_crc32c.value(content).to_bytes(CHECKSUM_BYTES, "little")
+    checksum: int = google_crc32c.value(content)
+    return content + checksum.to_bytes(CHECKSUM_BYTES, "little")
 
 
 def _compressed(values: np.ndarray) -> bytes:

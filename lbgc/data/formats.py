@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -189,7 +190,7 @@ class _Text:
 
     def _one_by_one(self, kinds: dict[int, str]) -> list[np.ndarray]:
         """Numbers that the fast parser does not know, such as +1.5; and who is no number."""
-        values: list[list] = [[] for _ in kinds]
+        values: list[list[Any]] = [[] for _ in kinds]
         decimal = self.layout.decimal
         for number, line in self._lines():
             found = fields(line, self.layout.separator)

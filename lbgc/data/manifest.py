@@ -9,6 +9,7 @@ stored. A flipped bit anywhere, or a file lost, cut short or taken from another 
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from lbgc.data.place import Place, is_partial
 from lbgc.data.schema import SCHEMA, VARIABLES
@@ -36,7 +37,7 @@ def compose(identity: str, documents: Mapping[str, bytes]) -> bytes:
     return seal(as_json(group).encode())
 
 
-def _attributes(content: bytes | None) -> Mapping | None:
+def _attributes(content: bytes | None) -> Mapping[str, Any] | None:
     """A Zarr document's attributes; None where it is not one."""
     try:
         attributes = json.loads(content or b"")["attributes"]
@@ -45,7 +46,7 @@ def _attributes(content: bytes | None) -> Mapping | None:
     return attributes if isinstance(attributes, dict) else None
 
 
-def _intact(place: Place) -> Mapping | None:
+def _intact(place: Place) -> Mapping[str, Any] | None:
     """The manifest's attributes; None where it is missing or damaged."""
     content = place.read(MANIFEST)
     attributes = _attributes(content)

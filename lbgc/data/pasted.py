@@ -88,7 +88,7 @@ def _row_hashes(values: np.ndarray) -> np.ndarray:
     bits = (np.ascontiguousarray(values, dtype=np.float64) + 0.0).view(np.uint64)
     mixed = (bits ^ (bits >> np.uint64(29))) * _ODD[: values.shape[1]]
     mixed ^= mixed >> np.uint64(32)
-    return (mixed * _ODD[0]).sum(axis=1, dtype=np.uint64)
+    return np.asarray((mixed * _ODD[0]).sum(axis=1, dtype=np.uint64))
 
 
 def _sums(rows: np.ndarray, length: int) -> np.ndarray:
@@ -98,7 +98,7 @@ def _sums(rows: np.ndarray, length: int) -> np.ndarray:
     power = np.cumprod(np.r_[np.uint64(1), np.full(n - 1, _RADIX)], dtype=np.uint64)
     back = np.cumprod(np.r_[np.uint64(1), np.full(n - 1, inverse)], dtype=np.uint64)
     total = np.r_[np.uint64(0), np.cumsum(rows * power, dtype=np.uint64)]
-    return (total[length:] - total[:-length]) * back[: n - length + 1]
+    return np.asarray((total[length:] - total[:-length]) * back[: n - length + 1])
 
 
 def _stretches(first: np.ndarray, again: np.ndarray, length: int) -> list[Pasted]:

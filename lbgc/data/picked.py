@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from lbgc.data.clock import TIME_UNITS
 from lbgc.data.described import Described, described, seconds_and_nanoseconds
@@ -106,7 +107,7 @@ def _unit_below(sheet: Sheet, at: int) -> str:
     return sheet.units[at] if at < len(sheet.units) else ""
 
 
-def _given(config: LogConfig, sheet: Sheet) -> list:
+def _given(config: LogConfig, sheet: Sheet) -> list[Any]:
     if config.columns is not None:
         return list(config.columns)
     return [*config.gyro_columns, *config.accel_columns]
@@ -164,6 +165,8 @@ def _time(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> tuple[i
     return tuple(found) if len(found) == 1 else ()
 
 
-def _common_unit(says: Sequence[Described | None], units: Sequence[str] | dict) -> str | None:
+def _common_unit(
+    says: Sequence[Described | None], units: Sequence[str] | dict[str, Any]
+) -> str | None:
     found = {own.unit for own in says if own is not None and own.unit in units}
     return found.pop() if len(found) == 1 and None not in says else None

@@ -92,7 +92,7 @@ class Place:
         try:
             if self.local is not None:
                 return (self.local / name).read_bytes() if self.is_own(name) else None
-            return self._files.cat_file(f"{self._root}/{name}")
+            return bytes(self._files.cat_file(f"{self._root}/{name}"))
         except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
             return None
 

@@ -95,12 +95,12 @@ def mean_noise(values: np.ndarray) -> np.ndarray:
             scatter[count] = means.var(axis=0, ddof=1)
             variance = np.maximum(variance, scatter[count] / count)
     if not scatter:
-        return np.ptp(values, axis=0) / np.sqrt(max(n, 1))
+        return np.asarray(np.ptp(values, axis=0) / np.sqrt(max(n, 1)))
     shortest, longest = max(scatter), min(scatter)
     white = scatter[shortest] * longest / shortest
     # With eight blocks scatter exceeds twice the white one's by chance in 1% of logs: harmless.
     excess = np.maximum(scatter[longest] - 2 * white, 0.0)
-    return np.sqrt(variance + excess)
+    return np.asarray(np.sqrt(variance + excess))
 
 
 def _unsteady(values: np.ndarray) -> float:
@@ -122,7 +122,7 @@ def stated_errors(gyro: Triad, duration_s: float) -> np.ndarray | None:
     felt = gyro.variance(FORCE).max(axis=1) * normal_gravity(0.0) ** 2
     felt = felt + gyro.variance(ONE, warms=True).diagonal() * 30.0**2  # a sensor's usual rise, K
     turned = gyro.variance(TRUTH).sum(axis=1) * EARTH_RATE**2
-    return np.sqrt(bias + slow + felt + turned)
+    return np.asarray(np.sqrt(bias + slow + felt + turned))
 
 
 def residual(
@@ -151,7 +151,7 @@ def _possible(force: np.ndarray, latitude: float, angles: np.ndarray) -> np.ndar
     first /= np.linalg.norm(first)
     second = np.cross(down, first)
     level = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
-    return EARTH_RATE * (np.cos(latitude) * level - np.sin(latitude) * down)
+    return np.asarray(EARTH_RATE * (np.cos(latitude) * level - np.sin(latitude) * down))
 
 
 def down_of(force: np.ndarray) -> np.ndarray:

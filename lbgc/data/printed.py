@@ -42,7 +42,7 @@ class Channel:
     @cached_property
     def same(self) -> np.ndarray:
         """(T - 1,), whether each sample but the first repeats the one before."""
-        return np.diff(self.values) == 0
+        return np.asarray(np.diff(self.values) == 0)
 
     @property
     def is_counted(self) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -140,7 +141,7 @@ def mock_record(**changes: object) -> Record:
     from lbgc.frames import rotation_z
 
     latitude, heading, n = np.deg2rad(32.76), np.deg2rad(40.0), 250
-    values: dict = {
+    values: dict[str, Any] = {
         "name": "mock",
         "gyro": np.tile(earth_rate_ned(latitude) @ rotation_z(heading), (n, 1)),
         "accel": np.tile([0.0, 0.0, -normal_gravity(float(latitude))], (n, 1)),

@@ -33,7 +33,9 @@ _COPIED_BYTES = 200_000
 """Bytes of recordings copied at once: they stay in the processor's cache."""
 
 
-def create(path: str | Path, layout: Layout, configuration: Mapping, recipe: Mapping) -> "Dataset":
+def create(
+    path: str | Path, layout: Layout, configuration: Mapping[str, Any], recipe: Mapping[str, Any]
+) -> "Dataset":
     """Start a dataset, or go on with the same one that was started here before, its documents
     mended where they are damaged.
 
@@ -132,7 +134,7 @@ def _contiguous(values: np.ndarray) -> Iterator[np.ndarray]:
         yield copied
 
 
-def some(names: Sequence) -> str:
+def some(names: Sequence[Any]) -> str:
     """The first few, and how many more."""
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(map(str, names[:4])) + more
@@ -189,14 +191,14 @@ class Dataset:
         return str(self._group.attrs["identity"])
 
     @property
-    def configuration(self) -> dict:
+    def configuration(self) -> dict[str, Any]:
         return dict(self._group.attrs["configuration"])  # type: ignore[arg-type]
 
     @property
     def rate_hz(self) -> float:
         return self.layout.rate_hz
 
-    def _array(self, name: str) -> zarr.Array:
+    def _array(self, name: str) -> zarr.Array[Any]:
         with reading("data", self.place, f"is damaged: {name}"):
             array = self._group[name]
             assert isinstance(array, zarr.Array)

@@ -55,13 +55,13 @@ def column(table: Table, at: int) -> np.ndarray:
 def _array(values: pa.ChunkedArray) -> np.ndarray:
     kind = values.type
     if pa.types.is_timestamp(kind):
-        return values.cast(pa.timestamp("ns")).to_numpy()
+        return np.asarray(values.cast(pa.timestamp("ns")).to_numpy())
     if pa.types.is_time(kind):
         unit = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[kind.unit]
         whole = values.cast(pa.int32() if pa.types.is_time32(kind) else pa.int64())
-        return (whole.to_numpy().astype(np.int64) * unit).view("timedelta64[ns]")
+        return np.asarray((whole.to_numpy().astype(np.int64) * unit).view("timedelta64[ns]"))
     if pa.types.is_integer(kind) and values.null_count == 0:
-        return values.to_numpy().astype(np.int64)
+        return np.asarray(values.to_numpy().astype(np.int64))
     if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-        return values.to_numpy().astype(np.float64)
+        return np.asarray(values.to_numpy().astype(np.float64))
     return np.asarray(values.cast(pa.string()).to_pylist(), dtype=object)

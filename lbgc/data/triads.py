@@ -110,7 +110,7 @@ class Motion:
             self.force @ frame.accel.T,
             self.change @ frame.accel.T,
         )
-        return np.sum((change + np.cross(turned, force)) ** 2, axis=1)
+        return np.asarray(np.sum((change + np.cross(turned, force)) ** 2, axis=1))
 
     def explained(self, frame: Frame) -> float:
         """The share of the change that the gyros explain in this frame: 1 is all, 0 none."""
@@ -150,7 +150,7 @@ def motions(record: Record) -> list[Motion]:
 
 
 def _means(values: np.ndarray, size: int, count: int) -> np.ndarray:
-    return values[: size * count].reshape(count, size, 3).mean(axis=1)
+    return np.asarray(values[: size * count].reshape(count, size, 3).mean(axis=1))
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class Windows:
 
     @property
     def duration_s(self) -> float:
-        return self.gyro.shape[1] / self.rate_hz
+        return float(self.gyro.shape[1] / self.rate_hz)
 
     def rows(self, which: slice | np.ndarray) -> "Windows":
         """Some of the windows."""

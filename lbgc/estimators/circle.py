@@ -53,7 +53,7 @@ class Posterior:
     @property
     def heading(self) -> np.ndarray:
         """(V,), rad, the circular mean."""
-        return np.angle(self.first)
+        return np.asarray(np.angle(self.first))
 
 
 def measured(z: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +138,7 @@ def _most_curved(terms: np.ndarray) -> np.ndarray:
 def _steps(terms: np.ndarray) -> np.ndarray:
     """How many steps of the circle the posterior's series takes, (V,): powers of two."""
     wanted = _NODES_A_WIDTH * np.sqrt(_most_curved(terms))
-    return 2 ** np.ceil(np.log2(np.maximum(wanted, 32.0))).astype(int)
+    return np.asarray(2 ** np.ceil(np.log2(np.maximum(wanted, 32.0))).astype(int))
 
 
 def _of_series(

@@ -94,7 +94,7 @@ class Course:
 
     @property
     def resting(self) -> np.ndarray:
-        return (np.array(self.rate) == 0.0) & ~self.slewing
+        return np.asarray((np.array(self.rate) == 0.0) & ~self.slewing)
 
     @property
     def count(self) -> int:

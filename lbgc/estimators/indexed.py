@@ -47,14 +47,14 @@ def turning(name: str, course: Course) -> np.ndarray:
     if travel < np.pi or steady.sum() < 5:
         about = "of plate travel; it takes half a turn or more, at a steady rate"
         raise refusal(name, f"{np.rad2deg(travel):.3g}", "deg", about)
-    return steady
+    return np.asarray(steady)
 
 
 def _dwells(course: Course) -> np.ndarray:
     """Angles at which the plate rests, in their order, rad."""
     angles = np.array(course.angle)[course.resting]
     if len(angles) == 0:
-        return angles
+        return np.asarray(angles)
     new = np.abs(np.diff(angles, prepend=angles[0] + 1)) > _SAME
     return np.unique(angles[new].round(3))
 

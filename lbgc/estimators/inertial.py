@@ -219,7 +219,7 @@ def _with_biases(beta: np.ndarray, of_bias: np.ndarray) -> np.ndarray:
 
 
 def _lengths(columns: np.ndarray) -> np.ndarray:
-    return np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
 
 def _centred(series: np.ndarray) -> np.ndarray:
@@ -233,7 +233,7 @@ def _differences(series: np.ndarray) -> np.ndarray:
 
 def _undifferenced(weights: np.ndarray, n: int) -> np.ndarray:
     none = np.zeros((n // 3, weights.shape[1]))
-    return np.concatenate([none, weights]) - np.concatenate([weights, none])
+    return np.asarray(np.concatenate([none, weights]) - np.concatenate([weights, none]))
 
 
 def _unchanged(series: np.ndarray) -> np.ndarray:

@@ -137,7 +137,7 @@ class _State:
     def of_gyro(self, rate: np.ndarray, warmth: np.ndarray | None) -> np.ndarray:
         """The gyros' errors, (W, 3), rad/s. rate : (W, 3), rad/s; warmth : (W,), K, or None."""
         found = self.one(BG) + self.one(WG) + self.one(M) * rate[:, 2:]
-        return found if warmth is None else found + self.one(T) * warmth[:, None]
+        return np.asarray(found if warmth is None else found + self.one(T) * warmth[:, None])
 
     def of_accel(self) -> np.ndarray:
         """The accelerometers' errors, (W, 3), m/s^2."""
@@ -330,7 +330,7 @@ def _update(
     K = np.swapaxes(np.linalg.solve(S, np.swapaxes(PH, 1, 2)), 1, 2)
     state.P -= K @ np.swapaxes(PH, 1, 2)
     state.take(np.einsum("wij,wj->wi", K, z))
-    return np.einsum("wi,wi->w", z, np.linalg.solve(S, z[..., None])[..., 0])
+    return np.asarray(np.einsum("wi,wi->w", z, np.linalg.solve(S, z[..., None])[..., 0]))
 
 
 def _on_the_circle(state: _State, off: np.ndarray | float) -> Estimate:

@@ -28,7 +28,7 @@ def gyrocompass(omega_ib_b: np.ndarray, roll: np.ndarray, pitch: np.ndarray) -> 
     x, y, z = omega_ib_b[:, 0], omega_ib_b[:, 1], omega_ib_b[:, 2]
     sine = -y * np.cos(roll) + z * np.sin(roll)
     cosine = x * np.cos(pitch) + y * np.sin(roll) * np.sin(pitch) + z * np.cos(roll) * np.sin(pitch)
-    return np.arctan2(sine, cosine)
+    return np.asarray(np.arctan2(sine, cosine))
 
 
 def tilts_of(force: np.ndarray, names: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:

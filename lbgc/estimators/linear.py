@@ -238,7 +238,7 @@ def _explained(
 def _of_each(weights: np.ndarray) -> np.ndarray:
     """Covariance of what the weights make of rates whose errors are independent, each of variance
     one: (2, 2)."""
-    return np.einsum("ian,jan->ij", weights[:, :2], weights[:, :2])
+    return np.asarray(np.einsum("ian,jan->ij", weights[:, :2], weights[:, :2]))
 
 
 def weighted(name: str, part: Levelled, imu: ImuModel, free_bias: bool, checked: bool) -> Estimate:

@@ -122,4 +122,4 @@ def velocity_noise(velocity: np.ndarray, columns: np.ndarray, g: np.ndarray) -> 
     counts = np.any(columns != 0, axis=1)
     left = np.where(counts[:, None], velocity, 0.0)
     left = left - basis @ (basis.T @ left)
-    return float(variance(left.T[None], basis.T[None], g.T[None], counts)[0]) / g.shape[1]
+    return float(float(variance(left.T[None], basis.T[None], g.T[None], counts)[0]) / g.shape[1])

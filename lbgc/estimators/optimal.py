@@ -63,13 +63,15 @@ class Whitened:
 
     def told(self, body: np.ndarray) -> np.ndarray:
         """y of data (V, CHANNELS, n): (V, CHANNELS PATTERNS)."""
-        return np.einsum("can,vcn->vca", self.reduce, body, optimize=True).reshape(len(body), -1)
+        return np.asarray(
+            np.einsum("can,vcn->vca", self.reduce, body, optimize=True).reshape(len(body), -1)
+        )
 
     def columns(self, coefficients: np.ndarray) -> np.ndarray:
         """What patterns of these coefficients, (*S, CHANNELS, PATTERNS), make of y:
         (*S, CHANNELS PATTERNS)."""
         found = np.einsum("cab,...cb->...ca", self.R, coefficients)
-        return found.reshape(*found.shape[:-2], -1)
+        return np.asarray(found.reshape(*found.shape[:-2], -1))
 
     def beside(self, body: np.ndarray) -> np.ndarray:
         """Sum of squares, (V,), of what no pattern explains of data (V, CHANNELS, n)."""
@@ -272,7 +274,7 @@ def spread_of(
     noise = np.einsum("kcn,cnm->kcm", weights, factor)
     drawn = np.concatenate(list(causes(imu, base, site).values()), axis=1)[0]
     of_causes = np.einsum("kcn,nb,rcb->kr", weights, B, drawn, optimize=True)
-    return np.einsum("icm,jcm->ij", noise, noise) + of_causes @ of_causes.T
+    return np.asarray(np.einsum("icm,jcm->ij", noise, noise) + of_causes @ of_causes.T)
 
 
 def budget(

@@ -30,7 +30,7 @@ def overlapping_deviation(rates: Iterable[np.ndarray], dt: float, taus: np.ndarr
             )
             own[axis, : len(deviation)] = deviation**2
         variances.append(own)
-    return np.sqrt(np.mean(variances, axis=0))
+    return np.asarray(np.sqrt(np.mean(variances, axis=0)))
 
 
 def confidence_band(

@@ -53,7 +53,7 @@ def fitted(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _finished(begun: dict[Future, Name], said: Any, say: Say) -> Iterator[tuple[Name, Fit]]:
+def _finished(begun: dict[Future[Fit], Name], said: Any, say: Say) -> Iterator[tuple[Name, Fit]]:
     left = set(begun)
     while left:
         done, left = wait(left, timeout=0.5, return_when=FIRST_COMPLETED)

@@ -63,7 +63,9 @@ def of_gyro(
     def log_likelihood(v: np.ndarray) -> np.ndarray:
         """A normal vertical; a horizontal of size `level` whose direction is unknown (Rice)."""
         bessel = np.log(scipy.special.i0e(level * north / v))
-        return -0.5 * (vertical**2 + (level - north) ** 2) / v - 1.5 * np.log(v) + bessel
+        return np.asarray(
+            -0.5 * (vertical**2 + (level - north) ** 2) / v - 1.5 * np.log(v) + bessel
+        )
 
     return _posterior(log_likelihood, np.array([vertical, level, north]), error)
 

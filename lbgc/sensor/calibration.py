@@ -107,7 +107,7 @@ class Resting:
 
     @property
     def error(self) -> np.ndarray:
-        return self.rates - self.truth
+        return np.asarray(self.rates - self.truth)
 
     def rows(self, pick: np.ndarray) -> "Resting":
         return Resting(**{name: values[pick] for name, values in vars(self).items()})

@@ -61,11 +61,11 @@ class Grid:
     @cached_property
     def one_less_turn(self) -> np.ndarray:
         """1 - e^(i a), without cancellation"""
-        return 2 * np.sin(self.angle / 2) ** 2 - 1j * np.sin(self.angle)
+        return np.asarray(2 * np.sin(self.angle / 2) ** 2 - 1j * np.sin(self.angle))
 
     @cached_property
     def sine(self) -> np.ndarray:
-        return np.sin(self.angle)
+        return np.asarray(np.sin(self.angle))
 
     @cached_property
     def sinc_squared(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -77,7 +77,7 @@ class Grid:
     def last_turn(self) -> np.ndarray:
         """e^(i a (n - 1)); a bin holds even and odd coefficients, whose e^(i a n) cancel"""
         parity = np.where(self.count == 1, 1 - 2 * (np.round(self.k) % 2), 0.0)
-        return parity * np.conj(self.turn)
+        return np.asarray(parity * np.conj(self.turn))
 
 
 def density(term: GaussianTerm, grid: Grid) -> np.ndarray:
@@ -90,7 +90,7 @@ def density(term: GaussianTerm, grid: Grid) -> np.ndarray:
         # over intervals smooth it by the sixth.
         return term.K**2 * grid.dt**2 * (0.25 / np.sin(grid.angle / 2) ** 2 - 1 / 6)
     if isinstance(term, AngleQuantisation):
-        return 2 * term.Q**2 / grid.dt * (1 - cos + (1 + cos) / grid.n)
+        return np.asarray(2 * term.Q**2 / grid.dt * (1 - cos + (1 + cos) / grid.n))
     if isinstance(term, Line):
         return _line(term, grid)
     rates, weights = exponentials(term)
@@ -129,12 +129,14 @@ def _of_exponential(s: complex, weight: complex, grid: Grid) -> np.ndarray:
     gain = weight * (-np.expm1(-u) / u) ** 2
     if u.imag == 0 and weight.imag == 0:
         both, plain = _weighted(u.real, grid.turn, grid.one_less_turn, grid.last_turn, grid.n)
-        return start.real + 2 / grid.n * gain.real * (both.real - plain.imag / grid.sine)
+        return np.asarray(
+            start.real + 2 / grid.n * gain.real * (both.real - plain.imag / grid.sine)
+        )
     up = _weighted(u, grid.turn, grid.one_less_turn, grid.last_turn, grid.n)
     back = (np.conj(grid.turn), np.conj(grid.one_less_turn), np.conj(grid.last_turn))
     down = _weighted(u, *back, grid.n)
     total = (up[0] + down[0]) / 2 - (up[1] - down[1]) / 2j / grid.sine
-    return start.real + 2 / grid.n * np.real(gain * total)
+    return np.asarray(start.real + 2 / grid.n * np.real(gain * total))
 
 
 def _weighted(

@@ -183,7 +183,7 @@ def _tones(y: np.ndarray) -> np.ndarray:
             break
 
         def away(f: float, y: np.ndarray = y) -> float:
-            return -abs(np.sum(y * window * np.exp(-2j * np.pi * f * t)))
+            return float(-abs(np.sum(y * window * np.exp(-2j * np.pi * f * t))))
 
         best = scipy.optimize.minimize_scalar(
             away,
@@ -310,7 +310,7 @@ def _coarse(lsb: float, y: np.ndarray, waves: np.ndarray) -> Counts:
 def _residuals(rows: _Rows, gamma: float, b: np.ndarray) -> np.ndarray:
     """(n,), of each sample: the derivative of its log-likelihood by its mean."""
     _, up, low, *_ = _cell(rows, gamma, rows.design @ b)
-    return (low - up)[rows.of_sample]
+    return np.asarray((low - up)[rows.of_sample])
 
 
 def _remembers(s: np.ndarray) -> bool:
@@ -336,7 +336,7 @@ def _is_rare(z: np.ndarray, expected: float) -> np.ndarray:
     number = np.maximum(expected + z * np.sqrt(expected), 1e-9)
     above = scipy.special.gammainc(number, expected)
     below = scipy.special.gammaincc(number + 1, expected)
-    return np.minimum(above, below) < _FIVE_SIGMA
+    return np.asarray(np.minimum(above, below) < _FIVE_SIGMA)
 
 
 def _batch_spread(rows: _Rows, gamma: float, b: np.ndarray, hessian: np.ndarray) -> float:

@@ -67,7 +67,7 @@ class Proportional:
             return rng.standard_normal((*shape, 3)) * (self.own or NONE)
         rows = rng.standard_normal((*shape, 3, 3)) * np.array(self.cross)[:, None]
         if self.own is None:
-            return rows
+            return np.asarray(rows)
         own = rng.standard_normal((*shape, 3)) * self.own
         return np.where(np.eye(3) > 0, own[..., None], rows)
 
@@ -112,7 +112,7 @@ class Surroundings:
         many intervals after the recording's start on."""
         since = (self.since_power_up_s + np.arange(start, start + n) * dt) / self.time_s
         u = dt / self.time_s
-        return self.rise_k * (1 - np.exp(-since) * -np.expm1(-u) / u)
+        return np.asarray(self.rise_k * (1 - np.exp(-since) * -np.expm1(-u) / u))
 
 
 def printed(

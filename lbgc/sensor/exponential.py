@@ -26,12 +26,12 @@ def gauss_markov_model(s: np.ndarray, times: np.ndarray, interval: float) -> Mea
 def gauss_markov_allan(s: np.ndarray, times: np.ndarray, tau: np.ndarray) -> np.ndarray:
     """V(tau) - cov of neighbours = 2 (V(tau) - V(2 tau))."""
     u = np.asarray(tau, dtype=float)[..., None] / times
-    return np.sum(s * 2 * (_mean_variance(u) - _mean_variance(2 * u)), axis=-1)
+    return np.asarray(np.sum(s * 2 * (_mean_variance(u) - _mean_variance(2 * u)), axis=-1))
 
 
 def gauss_markov_psd(s: np.ndarray, times: np.ndarray, f: np.ndarray) -> np.ndarray:
     x = 2 * np.pi * np.asarray(f, dtype=float)[..., None] * times
-    return np.sum(2 * s * times / (1 + x**2), axis=-1)
+    return np.asarray(np.sum(2 * s * times / (1 + x**2), axis=-1))
 
 
 def exponential_allan(rate: complex, weight: complex, tau: np.ndarray) -> np.ndarray:
@@ -46,7 +46,7 @@ def exponential_allan(rate: complex, weight: complex, tau: np.ndarray) -> np.nda
         return 2 * np.real(weight * np.where(small, series, (np.expm1(safe) - safe) / safe**2))
 
     t = np.asarray(tau, dtype=float)
-    return 2 * (variance(t) - variance(2 * t))
+    return np.asarray(2 * (variance(t) - variance(2 * t)))
 
 
 def _mean_variance(u: np.ndarray) -> np.ndarray:

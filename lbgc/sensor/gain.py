@@ -35,7 +35,7 @@ class Gain:
 
     def predicted(self, truth: np.ndarray) -> np.ndarray:
         """M w as far as it is told; truth (R, 3), rad/s -> (R, 3)."""
-        return truth[:, :2] @ self.directions @ self.slope
+        return np.asarray(truth[:, :2] @ self.directions @ self.slope)
 
     @property
     def matrix(self) -> np.ndarray | None:

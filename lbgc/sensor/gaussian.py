@@ -230,7 +230,7 @@ def _starts(F: np.ndarray, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
         x = x @ reach[-p:].T + ends[:, :, g]
     starts = own[..., :-p] + first.reshape(parts, series * groups, p) @ reach[:-p].T
     whole = starts.reshape(parts, series, groups * group, p)[:, :, :blocks]
-    return whole.reshape(parts, series * blocks, p)
+    return np.asarray(whole.reshape(parts, series * blocks, p))
 
 
 @lru_cache(maxsize=64)
@@ -396,4 +396,4 @@ def _block_factor(terms: Gaussians, interval: float, size: int) -> _BlockFactor:
 def _square_root(covariance: np.ndarray) -> np.ndarray:
     """A matrix W with W W' = covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.clip(values, 0, None))
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0, None)))

@@ -137,7 +137,7 @@ def _drawn(count: np.ndarray, A: np.ndarray) -> np.ndarray:
     inverse = np.linalg.pinv(information / np.outer(size, size), rcond=1e-9, hermitian=True)
     step = (powers - count) @ A / size @ inverse / size
     # The model moves by a factor, which stays above zero.
-    return powers / np.exp(np.clip(step @ A.T, -1, 1))
+    return np.asarray(powers / np.exp(np.clip(step @ A.T, -1, 1)))
 
 
 def _edges(data: Ordinates, level: int) -> np.ndarray:
@@ -152,7 +152,7 @@ def _edges(data: Ordinates, level: int) -> np.ndarray:
 def _sums(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Sums over the bands, (*S, bands)."""
     total = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
-    return total[..., edges[1:]] - total[..., edges[:-1]]
+    return np.asarray(total[..., edges[1:]] - total[..., edges[:-1]])
 
 
 def _scores(powers: np.ndarray, count: np.ndarray, edges: list[np.ndarray]) -> np.ndarray:
@@ -181,7 +181,7 @@ def _allan(powers: np.ndarray, data: Ordinates, v: np.ndarray) -> np.ndarray:
         wave = np.where(turns > 0.5, 0.375, np.sin(x) ** 4)
         weights.append(wave / np.sin(np.pi * f * dt) ** 2)
     model = np.array(weights) * v
-    return np.log(powers @ model.T / (model @ data.count))
+    return np.asarray(np.log(powers @ model.T / (model @ data.count)))
 
 
 def _p(observed: np.ndarray, drawn: np.ndarray) -> np.ndarray:

@@ -89,7 +89,7 @@ def by_lifetime(
 def _of_spread(square: np.ndarray, freedom: int) -> np.ndarray:
     """95% interval of a standard deviation of which the mean square has this freedom, (2, A)."""
     low, high = stats.chi2.ppf(_TAILS[::-1], freedom)
-    return np.sqrt(np.stack([freedom * square / low, freedom * square / high]))
+    return np.asarray(np.sqrt(np.stack([freedom * square / low, freedom * square / high])))
 
 
 def _of_sessions(

@@ -89,7 +89,7 @@ class Likelihood:
         """Fisher information of the log-parameters, (P, P)."""
         v, J = self.variance(p)
         A = J / v[:, None]
-        return 0.5 * (A * self.count[:, None]).T @ A
+        return np.asarray(0.5 * (A * self.count[:, None]).T @ A)
 
     def covariance(self, p: np.ndarray, keep: Sequence[int] = ()) -> np.ndarray:
         """Covariance of the log-parameters' errors, (P, P); infinite for those that the data do not

@@ -28,4 +28,4 @@ def low_pass(signal: np.ndarray, bandwidth: float, damping: float, dt: float) ->
     A, b, c, d = step[:2, :2], step[:2, 2:3], step[3:, :2] / dt, step[3:, 2:3] / dt
     numerator, denominator = ss2tf(A, b, c, d)
     start = lfilter_zi(numerator[0], denominator) * signal[..., :1]
-    return lfilter(numerator[0], denominator, signal, zi=start)[0]
+    return np.asarray(lfilter(numerator[0], denominator, signal, zi=start)[0])

@@ -8,7 +8,7 @@ that the two can be held against each other.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -226,7 +226,7 @@ class Line(GaussianTerm):
             return exponential_allan(*self.ringing(), tau)
         a = g * BUTTERWORTH
         each = [exponential_allan(a * (1j - 1) + 1j * turn, 1 - 1j, tau) for turn in (w, -w)]
-        return self.sigma**2 / 2 * (each[0] + each[1])
+        return np.asarray(self.sigma**2 / 2 * (each[0] + each[1]))
 
     def psd(self, f: np.ndarray) -> np.ndarray:
         g, f = np.pi * self.width, np.asarray(f, dtype=float)
@@ -234,7 +234,7 @@ class Line(GaussianTerm):
             w0, w = 2 * np.pi * self.f0, 2 * np.pi * f
             return 4 * g * (self.sigma * w) ** 2 / ((w0**2 - w**2) ** 2 + (2 * g * w) ** 2)
         x, y = (2 * (f - self.f0) / self.width) ** 2, (2 * (f + self.f0) / self.width) ** 2
-        return self.sigma**2 * np.sqrt(2) / g * (1 / (1 + x**2) + 1 / (1 + y**2))
+        return np.asarray(self.sigma**2 * np.sqrt(2) / g * (1 / (1 + x**2) + 1 / (1 + y**2)))
 
     def power_below(self, f: np.ndarray) -> np.ndarray:
         """The integral of the PSD from 0 to f, both in Hz: sigma^2/2 in the end."""
@@ -243,7 +243,7 @@ class Line(GaussianTerm):
             """int_0^x of sqrt 2/(pi (1 + t^4)) dt"""
             r = np.sqrt(2) * x
             ratio = np.log((x**2 + r + 1) / (x**2 - r + 1)) / 2
-            return (ratio + np.arctan(r + 1) + np.arctan(r - 1)) / (2 * np.pi)
+            return np.asarray((ratio + np.arctan(r + 1) + np.arctan(r - 1)) / (2 * np.pi))
 
         f = np.asarray(f, dtype=float)
         if self.poles == 1:
@@ -251,7 +251,7 @@ class Line(GaussianTerm):
             turns = np.log(-s + 2j * np.pi * f) - np.log(-s - 2j * np.pi * f)
             return np.imag(weight * turns) / (2 * np.pi)
         x, y = 2 * (f - self.f0) / self.width, 2 * (f + self.f0) / self.width
-        return self.sigma**2 / 2 * (shape(x) + shape(y))
+        return np.asarray(self.sigma**2 / 2 * (shape(x) + shape(y)))
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,9 @@ class BandLimited(GaussianTerm):
         w = 2 * np.pi * self.bandwidth
         one, two = w * (-damping + root), w * (-damping - root)
         first = exponential_allan(one, -two / (one - two), tau)
-        return self._variance() * (first + exponential_allan(two, one / (one - two), tau))
+        return np.asarray(
+            self._variance() * (first + exponential_allan(two, one / (one - two), tau))
+        )
 
     def psd(self, f: np.ndarray) -> np.ndarray:
         return self.N**2 * self.gain_squared(f)
@@ -343,7 +345,7 @@ class AngleQuantisation(GaussianTerm):
         return 4 * self.Q**2 / dt * np.sin(np.pi * np.asarray(f, dtype=float) * dt) ** 2
 
 
-def allan_variance(terms: tuple, tau: np.ndarray) -> np.ndarray:
+def allan_variance(terms: tuple[Any, ...], tau: np.ndarray) -> np.ndarray:
     """Allan variance of the sum of independent terms (Gaussian or not), tau (*S) in s -> unit^2
     (*S)."""
     return sum((t.allan_variance(tau) for t in terms), np.zeros(np.shape(tau)))

@@ -33,7 +33,7 @@ class Estimate:
 
     @property
     def is_lower_limit(self) -> bool:
-        return np.isinf(self.high)
+        return bool(np.isinf(self.high))
 
     @property
     def is_withheld(self) -> bool:

@@ -76,13 +76,13 @@ def _seeds(seed: int, rows: np.ndarray, purpose: Purpose) -> np.ndarray:
 def _hashed(value: np.ndarray, factor: int, by: int) -> np.ndarray:
     """SeedSequence's hash of words, uint32 (R,), whose factor grows by `by` each time."""
     product: np.ndarray = (value ^ np.uint32(factor % 2**32)) * np.uint32(factor * by % 2**32)
-    return product ^ (product >> _HALF)
+    return np.asarray(product ^ (product >> _HALF))
 
 
 def _mixed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """A word of its pool with a hashed one worked in, uint32 (R,) each."""
     mixed: np.ndarray = _MIX_L * x - _MIX_R * y
-    return mixed ^ (mixed >> _HALF)
+    return np.asarray(mixed ^ (mixed >> _HALF))
 
 
 def child(rng: np.random.Generator, number: int) -> np.random.Generator:

@@ -77,4 +77,4 @@ def _level(fine: np.ndarray, recordings: int) -> np.ndarray:
     padded = np.pad(np.log(medians), reach, mode="reflect" if groups > reach else "edge")
     smooth = np.exp(np.convolve(padded, np.full(2 * reach + 1, 1 / (2 * reach + 1)), "valid"))
     middles = (np.arange(groups) + 0.5) * _GROUP
-    return np.interp(np.arange(len(fine)), middles, np.maximum(medians, smooth))
+    return np.asarray(np.interp(np.arange(len(fine)), middles, np.maximum(medians, smooth)))

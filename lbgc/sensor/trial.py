@@ -123,7 +123,7 @@ def first_guess(data: Ordinates, shape: Shape, name: str, given: dict[str, float
             return white
         return float(np.sqrt(np.median((data.power / data.count)[several])))
     if name == "Q":
-        return white * np.sqrt(data.dt) / 10
+        return float(white * np.sqrt(data.dt) / 10)
     # As much as the lowest twenty coefficients hold, shared.
     low = float(np.sum(data.power[:20]) / np.sum(data.count[:20]))
     others = tuple(given[n] for n in shape.names[1:])

@@ -54,7 +54,9 @@ class Course:
 
     def means(self, edges: np.ndarray) -> np.ndarray:
         """Its means between consecutive edges (s), (J + 1,) -> (J,), unit."""
-        return self.size * _means(self.kind, np.array([self.time]), edges, self.duration)[0]
+        return np.asarray(
+            self.size * _means(self.kind, np.array([self.time]), edges, self.duration)[0]
+        )
 
     @property
     def skip_s(self) -> float | None:
@@ -70,9 +72,9 @@ def _means(kind: str, times: np.ndarray, edges: np.ndarray, T: float) -> np.ndar
     if kind == "ramp":
         return np.tile((edges[1:] + edges[:-1]) / (2 * T), (len(times), 1))
     if kind == "step":
-        return np.clip((edges[1:] - t) / width, 0.0, 1.0)
+        return np.asarray(np.clip((edges[1:] - t) / width, 0.0, 1.0))
     nearest = edges[:-1] if kind == "decay" else T - edges[1:]
-    return t * np.exp(-np.maximum(nearest, 0.0) / t) * -np.expm1(-width / t) / width
+    return np.asarray(t * np.exp(-np.maximum(nearest, 0.0) / t) * -np.expm1(-width / t) / width)
 
 
 class _Likelihood:
@@ -92,7 +94,7 @@ class _Likelihood:
 
     def transform(self, means: np.ndarray) -> np.ndarray:
         every = scipy.fft.dct(means, norm="ortho", axis=-1)
-        return every[..., 1 : self.most + 1] * np.sqrt(self.interval)
+        return np.asarray(every[..., 1 : self.most + 1] * np.sqrt(self.interval))
 
     def fit(self, courses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """courses : (S, J). Returns twice minus the log-likelihood (S,), the size and its sigma,
@@ -144,7 +146,7 @@ class _Likelihood:
     def gains(self, courses: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What each course gains where the noise stays as it is, (S,). v : (K,)."""
         s = self.transform(courses)
-        return (s @ (self.z / v)) ** 2 / np.maximum(s**2 @ (1 / v), 1e-300)
+        return np.asarray((s @ (self.z / v)) ** 2 / np.maximum(s**2 @ (1 / v), 1e-300))
 
 
 def found(
