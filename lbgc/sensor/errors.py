@@ -11,7 +11,7 @@ unit's life, a power-up or a recording. What they do together is linear in what 
 its inverse, which a calibrated record has.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,6 +70,15 @@ class Proportional:
             return np.asarray(rows)
         own = rng.standard_normal((*shape, 3)) * self.own
         return np.where(np.eye(3) > 0, own[..., None], rows)
+
+    def draw_each(self, rngs: Sequence[np.random.Generator]) -> np.ndarray:
+        """c of several sensors (or recordings), each by its own generator, as `draw` does it."""
+        if self.cross is not None or self.name not in FIRST:
+            return np.stack([self.draw(rng) for rng in rngs])
+        normal = np.empty((len(rngs), 3))
+        for rng, row in zip(rngs, normal, strict=True):
+            rng.standard_normal(out=row)
+        return np.asarray(normal * (self.own or NONE))
 
     def none(self) -> np.ndarray:
         """c of a sensor that has no such error, (3, 3) or (3,)."""

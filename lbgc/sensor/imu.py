@@ -187,16 +187,20 @@ class Triad:
         """What is drawn before a recording starts, joined to what its unit and session fixed; of
         several recordings all of that has one more axis in front. rng : one for all of them, or one
         each."""
-        shape = lasting["bias_session"].shape[:-1]
+        own = self.lasting("run")
         if isinstance(rng, np.random.Generator):
-            return lasting | self._of_run(rng, shape)
-        each = [self._of_run(own, ()) for own in rng]
-        return lasting | {name: np.stack([one[name] for one in each]) for name in each[0]}
-
-    def _of_run(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Drawn:
-        found = {error.name: error.draw(rng, shape) for error in self.lasting("run")}
-        phase, sign = rng.random((*shape, 3)), rng.random((*shape, 3))
-        return found | {
+            shape = lasting["bias_session"].shape[:-1]
+            found = {error.name: error.draw(rng, shape) for error in own}
+            phase, sign = rng.random((*shape, 3)), rng.random((*shape, 3))
+        else:
+            found = {error.name: error.draw_each(rng) for error in own}
+            phase, sign = np.empty((2, len(rng), 3))
+            for one, *uniform in zip(rng, phase, sign, strict=True):
+                for row in uniform:
+                    one.random(out=row)
+        return {
+            **lasting,
+            **found,
             "tone_phase": 2 * np.pi * phase,
             "ramp_sign": np.where(sign < 0.5, -1.0, 1.0),
         }
