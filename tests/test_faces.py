@@ -141,3 +141,23 @@ def test_what_was_drawn_can_be_taken_out(kind, rng):
     assert np.abs(printed - truth).max() > 1e-7
     found = errors.undone(imu.gyro.drawn, drawn, printed, around, warmth)
     np.testing.assert_allclose(found, truth, atol=1e-15)
+
+
+def test_an_error_of_any_kind_is_printed_and_taken_out(rng):
+    """A sensitivity to force that grows with the temperature: no figure of today's makes one."""
+    kind = errors.Proportional("new", "new", "unit", errors.FORCE, cross=(1e-3,) * 3, warms=True)
+    imu = sensor(*GYRO["bias_unit"])
+    own = (*imu.gyro.drawn, kind)
+    drawn = imu.gyro.draw_run(rng, imu.gyro.none_drawn()) | {"new": kind.draw(rng)}
+    truth, force, warmth = (
+        rng.standard_normal((3, 50)),
+        rng.standard_normal((3, 50)),
+        np.arange(50.0),
+    )
+    around = replace(imu.warming, force=force)
+    printed = errors.printed(own, drawn, truth, around, warmth)
+    expected = truth + drawn["bias_run"][:, None] + drawn["new"] @ force * warmth
+    np.testing.assert_allclose(printed, expected, atol=1e-12)
+    np.testing.assert_allclose(
+        errors.undone((kind,), drawn, drawn["new"] @ force * warmth, around, warmth), 0, atol=1e-12
+    )

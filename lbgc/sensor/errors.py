@@ -91,11 +91,11 @@ class Proportional:
             yield int(i), self.sigma[i, j] * felt[:, j]
 
     def sized(self, which: str, size: Triple) -> "Proportional":
-        """The same with `own` or `cross` of this size."""
+        """This kind of error with its `own` or its `cross` of another size."""
         return replace(self, own=size) if which == "own" else replace(self, cross=size)
 
     def gone(self) -> "Proportional":
-        """The same of a sensor that has none, or whose own is known and taken out."""
+        """This kind of error where a sensor has none, or where it is known and taken out."""
         own, cross = (None if size is None else NONE for size in (self.own, self.cross))
         return replace(self, own=own, cross=cross)
 
@@ -135,14 +135,14 @@ def printed(
 
     warmth : (n,), K, the temperature's rise since power-up; None where there is none."""
     steady, warm = _sums(errors, drawn)
-    signal = (np.eye(3) + steady.pop(TRUTH)) @ truth + steady.pop(ONE)[..., None]
-    for kind, c in steady.items():
-        x = around.felt(kind)
-        if x is not None:
-            signal = signal + c @ x
+    signal = (np.eye(3) + steady.pop(TRUTH)) @ truth
+    for aside in _aside(steady, around):
+        signal = signal + aside
     if warmth is not None:
-        signal = signal + warm[ONE][..., None] * warmth
-        signal = signal + warm[TRUTH] @ truth * warmth
+        gain = warm.pop(TRUTH)
+        for aside in _aside(warm, around):
+            signal = signal + aside * warmth
+        signal = signal + gain @ truth * warmth
     return np.asarray(signal)
 
 
@@ -155,17 +155,26 @@ def undone(
 ) -> np.ndarray:
     """The truth, (3, n), of which a sensor with these errors alone has printed this, (3, n)."""
     steady, warm = _sums(errors, drawn)
-    left = printed - steady.pop(ONE, np.zeros(3))[:, None]
-    gain = np.eye(3) + steady.pop(TRUTH, np.zeros((3, 3)))
-    for kind, c in steady.items():
-        x = around.felt(kind)
-        if x is not None:
-            left = left - c @ x
-    if warmth is None or not warm:
+    none = np.zeros((3, 3))
+    gain, by_warmth, left = np.eye(3) + steady.pop(TRUTH, none), warm.pop(TRUTH, none), printed
+    for aside in _aside(steady, around):
+        left = left - aside
+    for aside in _aside(warm, around) if warmth is not None else ():
+        left = left - aside * warmth
+    if warmth is None or not by_warmth.any():
         return np.linalg.solve(gain, left)
-    left = left - warm[ONE][:, None] * warmth
-    gains = gain + warmth[:, None, None] * warm[TRUTH]
+    gains = gain + warmth[:, None, None] * by_warmth
     return np.linalg.solve(gains, left.T[..., None])[..., 0].T
+
+
+def _aside(sums: Drawn, around: Surroundings) -> Iterator[np.ndarray]:
+    """What errors print that follow anything but the truth, (*S, 3, n or 1) each."""
+    for kind, c in sums.items():
+        x = around.felt(kind)
+        if kind == ONE:
+            yield c[..., None]
+        elif x is not None:
+            yield c @ x
 
 
 def _sums(errors: Iterable[Proportional], drawn: Drawn) -> tuple[Drawn, Drawn]:

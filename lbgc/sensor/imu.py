@@ -16,7 +16,7 @@ import numpy as np
 
 from lbgc.sensor import errors, gaussian, noise
 from lbgc.sensor.deterministic import InRun, Ramp, Sinusoid
-from lbgc.sensor.errors import ONE, TRUTH, Drawn, Proportional, Surroundings, Triple
+from lbgc.sensor.errors import ONE, Drawn, Proportional, Surroundings, Triple
 from lbgc.sensor.low_pass import low_pass
 
 ALONE = Surroundings()
@@ -352,9 +352,13 @@ class ImuModel:
     @property
     def averages_motion(self) -> bool:
         """Whether means of what it prints follow from means of the motion: no output filter, and
-        no scale factor that changes in a recording."""
+        nothing that follows what moves and changes with the temperature."""
         triads = (self.gyro, self.accel)
-        warms = self.warming.rise_k != 0 and any(t.variance(TRUTH, True).any() for t in triads)
+        warms = self.warming.rise_k != 0 and any(
+            error.warms and error.follows != ONE and error.sigma.any()
+            for triad in triads
+            for error in triad.drawn
+        )
         return not warms and all(t.bandwidth_hz is None for t in triads)
 
     def without(self, *lifetimes: str) -> "ImuModel":
