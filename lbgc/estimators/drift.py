@@ -14,7 +14,7 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
-from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings
+from lbgc.sensor.errors import FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
 
 _SHORT, _LONG = 0.1, 2.0
@@ -88,7 +88,7 @@ def turning(imu: ImuModel, when: When) -> tuple[np.ndarray, np.ndarray]:
     """What each gyro makes of a rate about z, by that rate: misalignment, and z's scale factor.
     Their variance at each window's start, (W, 3), and what each second adds to it as they warm."""
     steady, by_kelvin = (imu.gyro.variance(TRUTH, warms)[:, 2] for warms in (False, True))
-    warm, warmer = (rise(imu.warming, when.start_s + t) for t in (0.0, when.duration_s))
+    warm, warmer = (imu.warming.rise_at(when.start_s + t) for t in (0.0, when.duration_s))
     walk = np.outer((warmer - warm) ** 2 / when.duration_s, by_kelvin)
     return steady + np.outer(warm**2, by_kelvin), walk
 
@@ -107,7 +107,7 @@ def _drift(
     start, end = when.start_s, when.start_s + when.duration_s
     felt = {ONE: np.ones((len(start), 3)), **felt}
     constant, walk = np.zeros((len(start), 3)), np.zeros((len(start), 3))
-    warm, warmer = (rise(imu.warming, at) for at in (start, end))
+    warm, warmer = (imu.warming.rise_at(at) for at in (start, end))
     for error in triad.drawn:
         own = felt[error.follows] @ np.square(error.sigma).T
         if not error.warms:
@@ -135,9 +135,3 @@ def _drift(
             s, T = np.transpose(between)
             wander[axis], time[axis] = s.sum(), np.exp(s @ np.log(T) / s.sum())
     return Drift(white + least**2, angle, constant, walk, wander, np.where(time > 0, time, 1.0))
-
-
-def rise(warming: Surroundings, time_s: np.ndarray) -> np.ndarray:
-    """Rise of temperature since power-up, K, at times (*S) since the recording's start."""
-    since = (warming.since_power_up_s + time_s) / warming.time_s
-    return np.asarray(warming.rise_k * -np.expm1(-since))

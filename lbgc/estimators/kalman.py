@@ -201,7 +201,7 @@ class _Law:
         if warms:
             start[:, T] = by_kelvin
             middles = (np.arange(steps.angle.shape[1]) + 0.5) * h
-            warmth = drift.rise(imu.warming, when.start_s[:, None] + middles)
+            warmth = imu.warming.rise_at(when.start_s[:, None] + middles)
         return cls(gyro, accel, earth, vertical, gravity, start, decay, driven, warmth)
 
 

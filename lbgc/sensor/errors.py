@@ -116,6 +116,11 @@ class Surroundings:
         """What errors of a kind follow, (*S, 3, n or 1), where it acts at all."""
         return {FORCE: self.force}.get(kind)
 
+    def rise_at(self, time_s: np.ndarray) -> np.ndarray:
+        """The temperature's rise since power-up, K, at times (*S) since the recording's start."""
+        since = (self.since_power_up_s + time_s) / self.time_s
+        return np.asarray(self.rise_k * -np.expm1(-since))
+
     def rise(self, n: int, dt: float, start: int = 0) -> np.ndarray:
         """Means over (t_k - dt, t_k] of the temperature's rise since power-up, (n,), K, from so
         many intervals after the recording's start on."""
