@@ -15,7 +15,7 @@ from tqdm import tqdm
 from lbgc.commands import run_main
 from lbgc.earth import heading_exists, normal_gravity
 from lbgc.errors import InputError, require, require_choice, require_positive
-from lbgc.estimators.course import Course, Site
+from lbgc.estimators.block_means import Course, Site
 from lbgc.estimators.floor import (
     DRAWS,
     HEADINGS,
@@ -24,9 +24,9 @@ from lbgc.estimators.floor import (
     expected_floor,
     small_errors,
 )
-from lbgc.estimators.information import AS_LENGTHS
-from lbgc.estimators.linear import LEANS
-from lbgc.estimators.optimal import Information, budget, information
+from lbgc.estimators.information import Information, budget, information
+from lbgc.estimators.least_squares import LEANS
+from lbgc.estimators.posterior import AS_LENGTHS
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig
 from lbgc.report.figures import bound_against_time, png

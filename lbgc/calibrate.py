@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from lbgc.commands import run_main
-from lbgc.data import logs, rest
+from lbgc.data import logs
+from lbgc.data.checks import rest
 from lbgc.data.record import Record
 from lbgc.data.static import AXES
 from lbgc.data.store import Dataset
@@ -19,7 +20,7 @@ from lbgc.earth import EARTH_RATE, heading_exists
 from lbgc.errors import InputError, require
 from lbgc.estimators.level import tilts_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
-from lbgc.report.calibrated import report
+from lbgc.report.calibration_table import report
 from lbgc.sensor.calibration import FEWEST, calibrate, odd_one_out
 from lbgc.units import DEG, HOUR
 

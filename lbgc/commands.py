@@ -16,7 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
-from lbgc import configs, sweeps
+from lbgc import sweeps, user_yaml
 from lbgc.errors import InputError, build, reading
 from lbgc.outputs import printable
 from lbgc.sensor.datasheet import ALTERNATIVES
@@ -70,9 +70,9 @@ def run_main(
 
     with sweeps.sweep() as directory:
         try:
-            for brought in configs.brought(sys.argv[1:]):
+            for brought in user_yaml.brought(sys.argv[1:]):
                 with reading("--config-dir", brought, "cannot be taken"):
-                    configs.check_directory(brought)
+                    user_yaml.check_directory(brought)
             with _never_forgotten():
                 hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
             _conclude(directory, summary)

@@ -18,14 +18,14 @@ from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, require_positive
 from lbgc.estimators.level import tilts_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
-from lbgc.report import calibrated
+from lbgc.report import calibration_table
 from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
-from lbgc.sensor import axes, corner, warmup
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
-from lbgc.sensor.fitting import Fit
+from lbgc.sensor.fitting import axes, corner, warmup
+from lbgc.sensor.fitting.noise_fit import Fit
 
 SHORTEST_S = 60.0
 
@@ -126,7 +126,7 @@ def _calibrated(static: Static) -> Calibration | None:
         print(f"no bias by lifetime: {error}")
         return None
     found = calibrate(rates, static.heading, static.latitude, static.session, tilt)
-    print(calibrated.report(found, static.name))
+    print(calibration_table.report(found, static.name))
     return found
 
 

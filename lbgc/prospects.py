@@ -7,9 +7,9 @@ import numpy as np
 
 from lbgc.earth import heading_exists, normal_gravity
 from lbgc.errors import InputError, build
-from lbgc.estimators.course import Site
+from lbgc.estimators.block_means import Site
 from lbgc.estimators.floor import SETTLE_S, course_of, expected_floor
-from lbgc.estimators.optimal import information
+from lbgc.estimators.information import information
 from lbgc.protocol import ProtocolConfig
 from lbgc.sensor.datasheet import ImuConfig
 

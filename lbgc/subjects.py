@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.data import logs
-from lbgc.data.calibrated import calibrated, drawn_errors
+from lbgc.data.compensated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.earth import heading_exists

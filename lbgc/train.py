@@ -32,7 +32,7 @@ from lbgc.learning.estimator import SHORTEST_WINDOW_S, WEIGHTS, load_net
 from lbgc.learning.model import ModelConfig, parameter_count
 from lbgc.learning.randomise import RandomiseConfig, Randomised
 from lbgc.learning.stream import Streamed
-from lbgc.learning.trainer import SCHEDULES, Plan, Trainer
+from lbgc.learning.trainer import SCHEDULES, Trainer, TrainingPlan
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.prospects import prospects
 from lbgc.report.figures import loss_curve
@@ -125,7 +125,7 @@ class TrainConfig:
         del content["checkpoint_every"], content["tensorboard"], content["threads"]
         return content
 
-    def plan(self, longest_s: float, reference_error_deg: float) -> Plan:
+    def plan(self, longest_s: float, reference_error_deg: float) -> TrainingPlan:
         """The plan for recordings of this length, whose reference errs so; longer windows are left
         out."""
         usable = [w for w in self.windows_s if w <= longest_s + 1e-9]
@@ -138,7 +138,7 @@ class TrainConfig:
                  "validate_every", "patience", "checkpoint_every", "seed", "warm_up",
                  "tempering", "threads")  # fmt: skip
         lengths = {w: self.window_steps(w) or 1 for w in usable}
-        return Plan(
+        return TrainingPlan(
             windows_steps=lengths,
             reference_sigma=float(np.deg2rad(reference_error_deg)),
             **{name: getattr(self, name) for name in names},

@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc.data.plausible import FIVE_SIGMA, PER_HOUR, mean_noise, residual, stated_errors
+from lbgc.data.checks.plausible import FIVE_SIGMA, PER_HOUR, mean_noise, residual, stated_errors
 from lbgc.data.record import Record
 from lbgc.data.windows import cut
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
+from lbgc.estimators.block_means import Course, Site, levelled
 from lbgc.estimators.circle import CHANCE
-from lbgc.estimators.course import Course, Site, levelled
 from lbgc.estimators.floor import expected_floor
-from lbgc.estimators.optimal import apart, budget, information
+from lbgc.estimators.information import apart, budget, information
 from lbgc.sensor import gaussian
 from lbgc.sensor.datasheet import GyroConfig, ImuConfig
 from lbgc.sensor.imu import ImuModel

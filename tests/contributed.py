@@ -59,8 +59,8 @@ def drawn_once() -> None:
     """It is new at every power-up, stored, printed as it was drawn, and part of the floor."""
     from lbgc.data.store import Dataset
     from lbgc.errors import build
-    from lbgc.estimators import sources
-    from lbgc.estimators.course import Site
+    from lbgc.estimators import error_patterns
+    from lbgc.estimators.block_means import Site
     from lbgc.sensor.datasheet import ImuConfig
     from lbgc.units import factor
 
@@ -69,7 +69,9 @@ def drawn_once() -> None:
     assert (c[0] == c[2]).all()
     assert (c[1] == c[3]).all()
     assert (c[0] != c[1]).all()
-    true = sources.EARTH_RATE * np.array([np.cos(np.deg2rad(32.76)), np.sin(np.deg2rad(32.76))])
+    true = error_patterns.EARTH_RATE * np.array(
+        [np.cos(np.deg2rad(32.76)), np.sin(np.deg2rad(32.76))]
+    )
     for record, own in zip(dataset.records(np.arange(4)), c, strict=True):
         psi = record.heading + record.plate_angle[0]
         felt = np.array([true[0] * np.cos(psi), -true[0] * np.sin(psi), -true[1]])
@@ -77,9 +79,9 @@ def drawn_once() -> None:
         np.testing.assert_allclose(record.gyro.mean(axis=0), printed, atol=1e-10)
     imu = build(ImuConfig, dataset.configuration["imu"]).model(20.0)
     site = Site.at(float(np.deg2rad(32.76)))
-    size = sources.causes(imu, np.eye(3)[None], site)["g-sensitivity"]
+    size = error_patterns.causes(imu, np.eye(3)[None], site)["g-sensitivity"]
     expected = 2 * factor("deg_per_h_per_g") * site.gravity
-    np.testing.assert_allclose(np.abs(size[..., sources.ONE]).max(), expected)
+    np.testing.assert_allclose(np.abs(size[..., error_patterns.ONE]).max(), expected)
 
 
 def estimator() -> None:

@@ -22,7 +22,7 @@ from helpers import composed, labelled
 from omegaconf import OmegaConf
 from safetensors.torch import save
 
-from lbgc import configs
+from lbgc import user_yaml
 from lbgc.calibrate import COLUMNS
 from lbgc.commands import CONF
 from lbgc.data import logs, manifest, store
@@ -40,7 +40,7 @@ from lbgc.learning.augment import AugmentConfig
 from lbgc.learning.batches import Drawn, Sensed, Stored
 from lbgc.learning.estimator import WEIGHTS, Learned, load_net
 from lbgc.learning.model import ModelConfig, make
-from lbgc.learning.trainer import Plan, Trainer
+from lbgc.learning.trainer import Trainer, TrainingPlan
 from lbgc.outputs import UNSEALED, fingerprint, seal
 from lbgc.sensor.datasheet import ImuConfig
 
@@ -226,7 +226,7 @@ def _yaml(group: str, name: str, config: type) -> Reader:
 
     def read(home: Path) -> object:
         with reading("--config-dir", home, "cannot be taken"):
-            configs.check_directory(home)
+            user_yaml.check_directory(home)
         with reading(group, home):  # Hydra's part, whose errors `run_main` says
             raw = OmegaConf.load(home / group / "mine.yaml")
             own = {} if group == "log" else OmegaConf.select(_defaults(), group)  # type: ignore[arg-type]
@@ -253,7 +253,7 @@ def _window() -> Labelled:
 
 
 def tiny_trainer() -> Trainer:
-    plan = Plan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1, 0, 0.0, 1)
+    plan = TrainingPlan(_MODEL, {5.0: 1}, 2, 2, 0.004, "onecycle", 1.0, 1, None, 1, 1, 0, 0.0, 1)
     imu = _IMU.model(600.0)
     sensed = Sensed(_MODEL, _window().windows.rate_hz, imu)
     source = Stored(_window(), np.zeros(len(_window()), int), AugmentConfig(), imu.gyro)

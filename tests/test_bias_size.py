@@ -10,7 +10,7 @@ from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.frames import euler_to_matrix
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
-from lbgc.sensor import bias_size, resting
+from lbgc.sensor.fitting import bias_size, resting_axis
 from lbgc.sensor.noise import RandomWalk, White
 from lbgc.units import DEG, HOUR
 
@@ -66,7 +66,7 @@ def written(rng):
     accel = np.round((accel + 0.02 * rng.standard_normal((n, 3))) / 0.01) * 0.01
     static = Static("log", gyro[None], accel[None], 0.01, LATITUDE, None, None)
     fits = {
-        part: [resting.fitted(values[None, :, i], 0.01, (1.0, 3600.0)) for i in range(3)]
+        part: [resting_axis.fitted(values[None, :, i], 0.01, (1.0, 3600.0)) for i in range(3)]
         for part, values in (("gyro", gyro), ("accel", accel))
     }
     sizes = bias_sizes(static, fits)

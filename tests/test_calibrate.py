@@ -13,7 +13,7 @@ from lbgc.calibrate import FORCES
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError
 from lbgc.frames import rotation_z
-from lbgc.report.calibrated import report
+from lbgc.report.calibration_table import report
 from lbgc.sensor.calibration import calibrate
 from lbgc.sensor.lifetimes import by_lifetime
 from lbgc.units import DEG, HOUR

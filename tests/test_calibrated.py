@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import default_config, generate
 
-from lbgc.data.calibrated import calibrated, drawn_errors
+from lbgc.data.compensated import calibrated, drawn_errors
 
 LOUD = (
     "imu=ideal",

@@ -8,9 +8,9 @@ import pytest
 from helpers import composed, needs_recording
 from test_logs import MOCK, columns, config, write
 
-from lbgc.data.axes import matrix_of
-from lbgc.data.checks import checked
+from lbgc.data.checks.all_checks import checked
 from lbgc.data.logs import LogConfig, read
+from lbgc.data.readers.axes import matrix_of
 from lbgc.data.record import Record
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError

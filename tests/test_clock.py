@@ -4,8 +4,8 @@ import cases
 import numpy as np
 import pytest
 
-from lbgc.data.instants import Hole, instants
 from lbgc.data.logs import LogConfig, read
+from lbgc.data.readers.instants import Hole, instants
 from lbgc.data.record import Record, mock_record, require_one_rate
 from lbgc.errors import InputError
 

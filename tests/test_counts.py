@@ -8,10 +8,11 @@ from lbgc.data.static import PARTS, Static
 from lbgc.report.fitted import spelled
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.report.remarks import remarks
-from lbgc.sensor import counts, fitting, gaussian, resting
+from lbgc.sensor import gaussian
 from lbgc.sensor.deterministic import Sinusoid
+from lbgc.sensor.fitting import counts, noise_fit, resting_axis
+from lbgc.sensor.fitting.ordinates import pooled
 from lbgc.sensor.noise import Flicker, White
-from lbgc.sensor.ordinates import pooled
 
 N, DT, LSB = 30_000, 0.01, 0.0033
 
@@ -77,7 +78,7 @@ def test_noise_with_a_memory_is_not_told_from_coarse_counts(rng):
         own[k] = 0.6 * own[k - 1] + 0.8 * drawn[k]
     series = np.round(0.3 * own + 0.2) * LSB
     assert counts.judged(series).kind == "memory"
-    fit = resting.fitted(series[None], DT, (1.0, 3600.0))
+    fit = resting_axis.fitted(series[None], DT, (1.0, 3600.0))
     assert fit.estimates["N"].is_withheld
     assert spelled(fit.estimates["N"], "arw_deg_per_sqrt_h") == "cannot be told from this log"
     assert any("not white or changes them too rarely" in said for said in remarks(fit, 0))
@@ -90,7 +91,7 @@ def test_carried_counts_that_noise_does_not_shake_tell_no_noise(rng):
         angle = np.cumsum(rate + 0.02 * rng.standard_normal(N))
         series = np.diff(np.round(angle)) * LSB
         assert counts.judged(series).kind == "beating"
-    fit = resting.fitted(series[None], DT, (1.0, 3600.0))
+    fit = resting_axis.fitted(series[None], DT, (1.0, 3600.0))
     assert fit.goodness is None
     assert all(e.is_withheld for name, e in fit.estimates.items() if name != "Q")
     assert fit.estimates["Q"].value == pytest.approx(LSB * DT / np.sqrt(12))
@@ -119,7 +120,7 @@ def test_carried_counts_are_known_from_rounded_samples(sigma, rng):
 def test_white_noise_is_fitted_through_counts(sigma, rng):
     """N = 1 within its own interval, widened to 4.5 sigma, whatever the count."""
     white = sigma * LSB * np.sqrt(DT)
-    fit = resting.fitted(rounded(sigma, rng)[None], DT, (1.0, 3600.0))
+    fit = resting_axis.fitted(rounded(sigma, rng)[None], DT, (1.0, 3600.0))
     e = fit.estimates["N"]
     assert abs(np.log(e.value / white)) < 4.5 * np.log(e.high / e.low) / 3.92
     assert np.log(e.high / e.low) / 3.92 < 0.03
@@ -133,8 +134,8 @@ def test_what_is_slow_has_limits_as_wide_as_counts_may_bend_it(rng):
     seen = counts.judged(series)
     assert seen.kind in ("coarse", "memory")
     assert seen.blur == pytest.approx(0.34, abs=0.05)  # 1 sigma of sigma, 1%, makes 0.012 of it
-    fit = resting.fitted(series[None], DT, (1.0, 3600.0))
-    plain = fitting.choose(pooled(series[None], DT))
+    fit = resting_axis.fitted(series[None], DT, (1.0, 3600.0))
+    plain = noise_fit.choose(pooled(series[None], DT))
     for name in ("B", "K"):
         seen_through, bare = (f.estimates[name].high for f in (fit, plain))
         assert seen_through == pytest.approx(bare / (1 - seen.blur), rel=0.02)

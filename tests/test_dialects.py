@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from test_clock import noted, one, records
 
-from lbgc.data.described import Described, described, unit
-from lbgc.data.formats import shown
-from lbgc.data.stated import stated_rate
+from lbgc.data.readers.column_names import Described, described, unit
+from lbgc.data.readers.sheets import shown
+from lbgc.data.readers.stated import stated_rate
 from lbgc.errors import InputError
 
 N = 1200

@@ -16,9 +16,9 @@ from test_logs import columns, spoiled, write
 import lbgc.subjects
 from lbgc.data.logs import LogConfig
 from lbgc.errors import build
-from lbgc.estimators.course import Site
+from lbgc.estimators.block_means import Site
 from lbgc.estimators.floor import course_of, crlb
-from lbgc.estimators.optimal import information
+from lbgc.estimators.information import information
 from lbgc.evaluate import KNOWN, EvaluateConfig
 from lbgc.metrics import heading_errors, summarise
 from lbgc.protocol import ProtocolConfig

@@ -9,9 +9,9 @@ import pytest
 from helpers import composed
 
 from lbgc.bound import BoundConfig
-from lbgc.estimators import drift
-from lbgc.estimators.course import Levelled, levelled
-from lbgc.estimators.optimal import spread_of
+from lbgc.estimators import reduced_order
+from lbgc.estimators.block_means import Levelled, levelled
+from lbgc.estimators.information import spread_of
 from lbgc.sensor import errors
 from lbgc.sensor.imu import ImuModel
 
@@ -110,8 +110,8 @@ def test_a_filter_has_it_with_few_states(kind, perfect):
     at, h, count = np.array(course.blocks), course.interval, course.count
     first = np.arange(len(at)) < np.argmax(np.diff(at) > 1) + 1
     one = np.ones(1)
-    when = drift.When(count * h, 0 * one, floor_cases.LATITUDE * one, site.gravity * one)
-    law, none = (drift.of_gyro(own, when) for own in (imu, sensor()))
+    when = reduced_order.When(count * h, 0 * one, floor_cases.LATITUDE * one, site.gravity * one)
+    law, none = (reduced_order.of_gyro(own, when) for own in (imu, sensor()))
     for look in (first / first.sum(), first / first.sum() - ~first / (~first).sum()):
         weights = np.zeros((1, 6, len(at)))
         weights[0, 0] = look

@@ -17,10 +17,12 @@ from lbgc.errors import build
 from lbgc.fit import FitConfig
 from lbgc.report import fitted
 from lbgc.report.fitted_yaml import sensor_yaml
-from lbgc.sensor import axes, corner, fitting, gaussian, shapes
-from lbgc.sensor.cosines import Grid, density
+from lbgc.sensor import gaussian
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.deterministic import Sinusoid
+from lbgc.sensor.fitting import axes, corner, noise_fit, shapes
+from lbgc.sensor.fitting.cosine_variance import Grid, density
+from lbgc.sensor.fitting.ordinates import ordinates, pooled
 from lbgc.sensor.noise import (
     AngleQuantisation,
     BandLimited,
@@ -30,7 +32,6 @@ from lbgc.sensor.noise import (
     RandomWalk,
     White,
 )
-from lbgc.sensor.ordinates import ordinates, pooled
 
 HOUR, RATE = 3600, 100
 
@@ -77,7 +78,7 @@ def test_coefficients_and_intervals_of_an_hour(rng):
     """40 axis-logs: N, B and K within the Fisher spread, intervals holding (binomial 4 sigma)."""
     true = {"N": 1.0, "B": 0.5, "K": 0.1}
     terms = (White(1.0), Flicker(0.5), RandomWalk(0.1))
-    fits = [fitting.fit(ordinates(y, 0.01), shapes.core()) for y in series(terms, rng, HOUR, 40)]
+    fits = [noise_fit.fit(ordinates(y, 0.01), shapes.core()) for y in series(terms, rng, HOUR, 40)]
     fisher = {"N": 0.0012, "B": 0.059, "K": 0.142}
     for name, value in true.items():
         errors = np.array([f.estimates[name].value / value - 1 for f in fits])
@@ -90,7 +91,8 @@ def test_coefficients_and_intervals_of_an_hour(rng):
 def test_what_is_not_there_is_an_upper_limit(rng):
     """White noise alone: B and K are limits, not numbers, in about 95% of logs."""
     fits = [
-        fitting.fit(ordinates(y, 0.01), shapes.core()) for y in series((White(1.0),), rng, 900, 20)
+        noise_fit.fit(ordinates(y, 0.01), shapes.core())
+        for y in series((White(1.0),), rng, 900, 20)
     ]
     for name in ("B", "K"):
         assert np.mean([f.estimates[name].is_limit for f in fits]) >= 0.75
@@ -99,14 +101,14 @@ def test_what_is_not_there_is_an_upper_limit(rng):
 
 def test_further_parts_are_found_where_they_are(rng):
     terms = (BandLimited(1.0, 15.0), Flicker(0.5), Line(2.0, 20.0, 1.0))
-    fit = fitting.choose(ordinates(series(terms, rng)[0], 0.01))
+    fit = noise_fit.choose(ordinates(series(terms, rng)[0], 0.01))
     e = fit.estimates
     assert e["bandwidth"].low < 15.0 < e["bandwidth"].high
     f0 = e["line_f0"]
     assert abs(f0.value - 20.0) < 4.5 * (f0.high - f0.low) / (2 * 1.96)
     assert e["line_sigma"].value == pytest.approx(2.0, rel=0.02)
     assert "Q" not in e
-    plain = fitting.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
+    plain = noise_fit.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
     assert set(plain.estimates) == {"N", "B", "K"}
 
 
@@ -117,7 +119,7 @@ def test_a_lines_intervals_hold(rng):
     held = 0
     for y in series((White(1.0), Flicker(0.1), Line(2.0, 20.0, 1.5)), rng, 600, 12):
         guess = {"line_f0": 20.1, "line_width": 1.0}
-        e = fitting.fit(ordinates(y, 0.01), [*shapes.core(), shapes.line(1)], guess).estimates
+        e = noise_fit.fit(ordinates(y, 0.01), [*shapes.core(), shapes.line(1)], guess).estimates
         held += sum(e[name].low < value < e[name].high for name, value in true.items())
     assert held >= 40
 
@@ -125,12 +127,12 @@ def test_a_lines_intervals_hold(rng):
 def test_several_lines_are_found_and_written_down(rng):
     """Two on one axis: each centre within its own 4.5 sigma; the YAML gives them back."""
     terms = (White(1.0), Line(2.0, 20.0, 1.0), Line(1.5, 31.0, 2.0))
-    fit = fitting.choose(ordinates(series(terms, rng)[0], 0.01))
+    fit = noise_fit.choose(ordinates(series(terms, rng)[0], 0.01))
     e = fit.estimates
     found = sorted((e["line_f0"], e["line_f0_2"]), key=lambda x: x.value)
     for estimate, f0 in zip(found, (20.0, 31.0), strict=True):
         assert abs(estimate.value - f0) < 4.5 * (estimate.high - estimate.low) / (2 * 1.96)
-    plain = fitting.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
+    plain = noise_fit.choose(ordinates(series((White(1.0),), rng)[0], 0.01))
     static = Static("log", np.zeros((1, 100, 3)), np.zeros((1, 100, 3)), 0.01, 0.5, None, None)
     three = {part: [fit, plain, plain] for part in ("gyro", "accel")}
     assert fitted.report(static, three).count("narrow-band line") == 4
@@ -180,7 +182,7 @@ def test_the_corner_that_the_data_show_is_taken(rng):
     found = {}
     for name, terms in (("plain", plain), ("shown", shown), ("covered", (White(1.0),))):
         fits = [
-            fitting.judged(y[None], data, fitting.choose(data))
+            noise_fit.judged(y[None], data, noise_fit.choose(data))
             for y in series(terms, rng, 1200, 2, 10)
             for data in (ordinates(y, 0.1),)
         ]
@@ -190,7 +192,7 @@ def test_the_corner_that_the_data_show_is_taken(rng):
 
 def test_a_log_of_two_minutes_at_10_hz_is_fitted(rng):
     """Twelve hundred samples, hardly two ordinates in a bin."""
-    n = fitting.choose(ordinates(series((White(1.0),), rng, 120, 1, 10)[0], 0.1)).estimates["N"]
+    n = noise_fit.choose(ordinates(series((White(1.0),), rng, 120, 1, 10)[0], 0.1)).estimates["N"]
     assert n.low < 1.0 < n.high
     assert FitConfig(data="x", flicker_short_s=3.0).corners == (3.0, 3600.0)
 
@@ -204,7 +206,7 @@ def test_two_resonances_are_two_lines(rng):
         b, a = scipy.signal.iirpeak(hz, hz / width, fs=100)
         x = scipy.signal.lfilter(b, a, rng.standard_normal(len(t)))
         y = y + rms / 10 * x / x.std()
-    fit = fitting.choose(ordinates(y, 0.01))
+    fit = noise_fit.choose(ordinates(y, 0.01))
     e = fit.estimates
     assert set(e) - {"N", "B", "K"} == {
         name + number for name in ("line_sigma", "line_f0", "line_width") for number in ("", "_2")
@@ -221,13 +223,13 @@ def test_tones_are_found_and_kept_out_of_the_noise(rng):
     (tone,) = data.tones
     assert tone.f == pytest.approx(17.3, abs=1e-3)
     assert tone.amplitude == pytest.approx(0.5, rel=0.15)  # 1 sigma is 5%
-    assert fitting.fit(data, shapes.core()).estimates["N"].value == pytest.approx(1.0, rel=0.01)
+    assert noise_fit.fit(data, shapes.core()).estimates["N"].value == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_strong_tone_is_no_line(rng):
     """Its leakage is left out too; its amplitude is the motion's, not that of its means."""
     y = series((White(1.0),), rng)[0] + Sinusoid(60.0, 47.99).sample(rng, (HOUR * RATE,), 0.01)
-    fit = fitting.choose(ordinates(y, 0.01))
+    fit = noise_fit.choose(ordinates(y, 0.01))
     assert set(fit.estimates) == {"N", "B", "K"}
     assert len(fit.tones) == 1
     assert fit.tones[0].amplitude == pytest.approx(60.0, rel=0.01)

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from lbgc import configs
+from lbgc import user_yaml
 from lbgc.data import logs
 from lbgc.data.logs import LogConfig
 from lbgc.errors import InputError
@@ -134,12 +134,12 @@ def test_a_directory_of_configurations_holds_its_own(tmp_path, cli):
 def test_what_hydra_may_be_told_is_taken():
     """A launcher's settings, for a sweep on a cluster."""
     text = "# @package _global_\nhydra: {launcher: {timeout_min: 60}, sweeper: {params: {seed: 1}}}"
-    configs.check(text.encode(), "x.yaml")
-    assert configs.brought(["-cd", "a", "x=1", "--config-path=b"]) == [Path("a"), Path("b")]
+    user_yaml.check(text.encode(), "x.yaml")
+    assert user_yaml.brought(["-cd", "a", "x=1", "--config-path=b"]) == [Path("a"), Path("b")]
     for file in (Path(__file__).parents[1] / "conf").rglob("*.yaml"):
         if OmegaConf.load(file):  # ours hold Hydra's help texts, which nobody else's may
             content = file.read_bytes().split(b"\nhydra:")[0]
-            configs.check(content, str(file))
+            user_yaml.check(content, str(file))
 
 
 @pytest.mark.parametrize("path", ["~no-such-user/x.csv", "x" * 5000, "a\x00b", "/dev/zero", "."])

@@ -11,12 +11,12 @@ from lbgc.data.static import PARTS, Static, require_steady
 from lbgc.errors import InputError
 from lbgc.report.fitted import report
 from lbgc.report.remarks import remarks
-from lbgc.sensor import fitting, shapes
+from lbgc.sensor.fitting import noise_fit, shapes
+from lbgc.sensor.fitting.ordinates import ordinates, pooled
+from lbgc.sensor.fitting.search import _Search, search
+from lbgc.sensor.fitting.tones import sift
+from lbgc.sensor.fitting.trial import try_out
 from lbgc.sensor.noise import AngleQuantisation, BandLimited, Flicker, Line, White
-from lbgc.sensor.ordinates import ordinates, pooled
-from lbgc.sensor.search import _Search, search
-from lbgc.sensor.tones import sift
-from lbgc.sensor.trial import try_out
 
 
 def most(count: int, chance: float) -> int:
@@ -24,10 +24,10 @@ def most(count: int, chance: float) -> int:
     return int(scipy.stats.binom.isf(1e-4, count, chance))
 
 
-def judged(y: np.ndarray, terms=None, start=None) -> fitting.Fit:
+def judged(y: np.ndarray, terms=None, start=None) -> noise_fit.Fit:
     data = ordinates(y, 1 / RATE)
-    fit = fitting.fit(data, terms, start) if terms else fitting.choose(data)
-    return fitting.judged(y[None], data, fit)
+    fit = noise_fit.fit(data, terms, start) if terms else noise_fit.choose(data)
+    return noise_fit.judged(y[None], data, fit)
 
 
 def test_a_right_model_is_called_wrong_as_often_as_stated(rng):
@@ -45,7 +45,7 @@ def test_a_band_that_the_model_lacks_is_named_and_widens_the_intervals(rng):
     assert fit.goodness.worst.high_hz > 19
     assert fit.goodness.worst.ratio > 1
     assert "is not explained" in fit.goodness.says
-    plain = fitting.fit(ordinates(y, 1 / RATE), shapes.core()).estimates["N"]
+    plain = noise_fit.fit(ordinates(y, 1 / RATE), shapes.core()).estimates["N"]
     wide = fit.estimates["N"]
     assert wide.high - wide.low > 2 * (plain.high - plain.low)
     right = judged(y, [*shapes.core(), shapes.line(1)], {"line_f0": 20.0, "line_width": 2.0})
@@ -73,8 +73,8 @@ def test_three_close_lines_are_reached(rng):
     for k, one in enumerate(truth):
         terms.append(shapes.line(k + 1))
         start |= dict(zip(terms[-1].names, one, strict=True))
-    by_hand = fitting.fit(data, terms, start)
-    found = fitting.choose(data)
+    by_hand = noise_fit.fit(data, terms, start)
+    found = noise_fit.choose(data)
     assert found.bic < by_hand.bic + 10
     still = np.zeros((1, 10, 3))
     table = report(
@@ -113,9 +113,9 @@ def test_the_search_ends_as_well_as_a_fit_from_the_truth(rng, bandwidth, truth):
 
 def test_a_search_that_is_cut_short_says_so(rng, monkeypatch):
     y = series((White(1.0), Line(2.0, 20.0, 0.5)), rng, 120)[0]
-    whole = fitting.choose(ordinates(y, 1 / RATE))
-    monkeypatch.setattr("lbgc.sensor.search._Search", partial(_Search, left=3))
-    short = fitting.choose(ordinates(y, 1 / RATE))
+    whole = noise_fit.choose(ordinates(y, 1 / RATE))
+    monkeypatch.setattr("lbgc.sensor.fitting.search._Search", partial(_Search, left=3))
+    short = noise_fit.choose(ordinates(y, 1 / RATE))
     assert [f.is_cut_short for f in (whole, short)] == [False, True]
     assert not any("cut short" in said for said in remarks(whole, 0))
     assert any("cut short" in said for said in remarks(short, 0))
@@ -146,7 +146,7 @@ def test_a_quantisation_too_weak_to_be_named_is_allowed_for(rng):
     others it is not; N's interval holds in both."""
     held = 0
     for y in series((White(1.0), AngleQuantisation(0.02)), rng, 60, 20):
-        n = fitting.choose(ordinates(y, 1 / RATE)).estimates["N"]
+        n = noise_fit.choose(ordinates(y, 1 / RATE)).estimates["N"]
         held += n.low < 1.0 < n.high
     assert held >= 20 - most(20, 0.05)
 
@@ -167,7 +167,7 @@ def test_a_filter_faster_than_the_samples_is_allowed_for(rng):
     held = 0
     for seconds, count in ((60, 20), (1800, 2)):
         for y in series((BandLimited(1.0, 262.0),), rng, seconds, count):
-            e = fitting.choose(ordinates(y, 1 / RATE)).estimates
+            e = noise_fit.choose(ordinates(y, 1 / RATE)).estimates
             held += e["N"].low < 1.0 < e["N"].high
             if seconds == 1800:
                 assert e["bandwidth"].low < 262.0 < e["bandwidth"].high

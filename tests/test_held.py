@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from test_clock import arw, noted, one
 
-from lbgc.data.held import Holds, holds, taken
-from lbgc.data.repeats import sampled
+from lbgc.data.readers.held import Holds, holds, taken
+from lbgc.data.readers.repeats import sampled
 from lbgc.errors import InputError
 
 N = 20_000

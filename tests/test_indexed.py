@@ -12,12 +12,12 @@ from lbgc.data.windows import joined
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
-from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.block_means import Site, levelled
+from lbgc.estimators.error_patterns import causes, factors, patterns
 from lbgc.estimators.floor import course_of, crlb, expected_floor, floor, white_crlb
-from lbgc.estimators.information import bayes
-from lbgc.estimators.optimal import budget, information, told
+from lbgc.estimators.information import budget, information, told
 from lbgc.estimators.plate import travel_within, usable
-from lbgc.estimators.sources import causes, factors, patterns
+from lbgc.estimators.posterior import bayes
 from lbgc.frames import euler_to_matrix, wrap
 from lbgc.sensor.imu import ImuModel
 

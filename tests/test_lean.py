@@ -11,10 +11,10 @@ from helpers import composed, default_config, generate, labelled
 from lbgc.bound import BoundConfig, bounds
 from lbgc.data.windows import Labelled, Windows, at_rate
 from lbgc.estimators import CLASSICAL, coarse
-from lbgc.estimators.course import Course, Site, block_size, levelled
+from lbgc.estimators.block_means import Course, Site, block_size, levelled
+from lbgc.estimators.error_patterns import timeless
 from lbgc.estimators.floor import course_of, crlb, expected_floor, floor
-from lbgc.estimators.optimal import fitted, information, told
-from lbgc.estimators.sources import timeless
+from lbgc.estimators.information import fitted, information, told
 from lbgc.frames import wrap
 from lbgc.protocol import plan
 from lbgc.sensor.imu import ImuModel

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers import default_config
 
-from lbgc.data.moved import moved_finding
+from lbgc.data.checks.moved import moved_finding
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 

@@ -10,7 +10,7 @@ from test_checks import case, held
 from test_logs import config, write
 
 from lbgc.data import logs
-from lbgc.data.pasted import Pasted, pasted
+from lbgc.data.checks.pasted import Pasted, pasted
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError
 from lbgc.evaluate import EvaluateConfig

@@ -15,7 +15,7 @@ from lbgc.data.windows import Labelled, Windows, cut, stack
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
 from lbgc.estimators import circle
-from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.block_means import Site, levelled
 from lbgc.estimators.floor import course_of
 from lbgc.estimators.inertial import oba_bias
 from lbgc.estimators.static import gls, mean, triad

@@ -10,8 +10,9 @@ from helpers import composed
 
 import lbgc.fit
 from lbgc.errors import InputError, build
-from lbgc.sensor import gaussian, resting, warmup
+from lbgc.sensor import gaussian
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.fitting import resting_axis, warmup
 from lbgc.sensor.noise import Flicker, GaussMarkov, RandomWalk, White
 
 N, DT = 3600, 1.0
@@ -69,7 +70,7 @@ def test_a_straight_drift_is_told_as_one(rng):
     _, (course,) = warmup.taken_out(series, DT)
     assert course.kind == "ramp"
     assert course.size == pytest.approx(10, abs=4.5 * np.sqrt(12 / N))
-    fit = resting.fitted(series[None], DT, (1.0, 3600.0))
+    fit = resting_axis.fitted(series[None], DT, (1.0, 3600.0))
     assert fit.estimates["K"].is_limit
     assert fit.ramp.low < 10 / T < fit.ramp.high
 
@@ -84,7 +85,7 @@ def test_changes_on_top_of_a_bias_instability_leave_it(rng):
 
 def test_several_recordings_warm_up_each_by_itself(rng):
     series = np.stack([noise((White(1.0),), rng) + a * np.exp(-AT / 400) for a in (20, -15, 25)])
-    fit = resting.fitted(series, DT, (1.0, 3600.0))
+    fit = resting_axis.fitted(series, DT, (1.0, 3600.0))
     assert [c.kind for c in fit.courses] == ["decay"] * 3
     sizes = [c.size for c in fit.courses]
     assert sizes == pytest.approx([20, -15, 25], abs=4.5 * 3 * np.sqrt(2 / 400))
@@ -98,7 +99,7 @@ def test_short_and_dead_series_have_none():
 
 def test_what_to_cut():
     def course(kind, time):
-        return warmup.Course(kind, 1.0, 0.1, time, time, time, 50.0, 3600.0)
+        return warmup.MeanChange(kind, 1.0, 0.1, time, time, time, 50.0, 3600.0)
 
     assert course("decay", 600.0).skip_s == 1800.0
     assert course("decay", 1000.0).skip_s is None

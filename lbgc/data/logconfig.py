@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.data.axes import is_right_handed, require_axes
-from lbgc.data.clock import TIME_UNITS
-from lbgc.data.findings import CHECKS
+from lbgc.data.checks.findings import CHECKS
+from lbgc.data.readers.axes import is_right_handed, require_axes
+from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.errors import require, require_choice, require_positive
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 

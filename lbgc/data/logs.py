@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from lbgc.data import checks
-from lbgc.data.axes import matrix_of
+from lbgc.data.checks import all_checks
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.raw import READERS, Raw, columns, find, require_finite
+from lbgc.data.readers.axes import matrix_of
+from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite
+from lbgc.data.readers.repeats import sampled, without_printed_twice
+from lbgc.data.readers.timing import EvenPieces, timing
 from lbgc.data.record import Record
-from lbgc.data.repeats import sampled, without_printed_twice
-from lbgc.data.timing import Timing, timing
 from lbgc.errors import InputError, require
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import (
@@ -34,11 +34,11 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     noted, not refused.
     """
     found = [
-        checks.checked(record, raw.config, imu, north)
+        all_checks.checked(record, raw.config, imu, north)
         for raw in READERS[config.reader](find(config.path), config)
         for record in _records(raw)
     ]
-    yield from checks.together(found, config, north)
+    yield from all_checks.together(found, config, north)
 
 
 def _records(raw: Raw) -> Iterator[Record]:
@@ -56,7 +56,7 @@ def _records(raw: Raw) -> Iterator[Record]:
         yield _record(own, rate, (*raw.notes, *clock.notes, *notes))
 
 
-def _timing(raw: Raw) -> Timing:
+def _timing(raw: Raw) -> EvenPieces:
     """Timing by the log's stamps, or by the stated rate where it has none."""
     stated = raw.config.rate_hz
     if raw.stamps is None:
@@ -65,14 +65,14 @@ def _timing(raw: Raw) -> Timing:
             "column that its name tells (log.time_column)"
         )  # fmt: skip
         assert stated is not None
-        return Timing(stated, (slice(0, len(raw.gyro)),))
+        return EvenPieces(stated, (slice(0, len(raw.gyro)),))
     try:
         return timing(raw.name, raw.stamps, raw.said, stated, raw.config.gaps)
     except InputError as error:
         if raw.time_is_said or stated is None or error.name != "log.time_unit":
             raise
         whole = (slice(0, len(raw.gyro)),)
-        return Timing(stated, whole, (f"time: not used, since {error.choices}",))
+        return EvenPieces(stated, whole, (f"time: not used, since {error.choices}",))
 
 
 def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:

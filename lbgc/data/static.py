@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.errors import InputError
-from lbgc.sensor.counts import ENOUGH, count_size
-from lbgc.sensor.goodness import bartlett
+from lbgc.sensor.fitting.counts import ENOUGH, count_size
+from lbgc.sensor.fitting.goodness import bartlett
 
 AXES = ("forward", "right", "down")
 PARTS = ("gyro", "accel")

@@ -2,19 +2,19 @@
 
 from functools import partial
 
-from lbgc.estimators import indexed, inertial, kalman, static
+from lbgc.estimators import inertial, kalman, rotation_modulation, static
 from lbgc.estimators.estimate import Estimator
 
 CLASSICAL: dict[str, Estimator] = {
     "mean": static.mean,
     "triad": static.triad,
     "gls": static.gls,
-    "two_position": indexed.two_position,
-    "two_position_weighted": indexed.two_position_weighted,
-    "cosine_fit": indexed.cosine_fit,
-    "cosine_fit_weighted": indexed.cosine_fit_weighted,
-    "carousel": indexed.carousel,
-    "carousel_weighted": indexed.carousel_weighted,
+    "two_position": rotation_modulation.two_position,
+    "two_position_weighted": rotation_modulation.two_position_weighted,
+    "cosine_fit": rotation_modulation.cosine_fit,
+    "cosine_fit_weighted": rotation_modulation.cosine_fit_weighted,
+    "carousel": rotation_modulation.carousel,
+    "carousel_weighted": rotation_modulation.carousel_weighted,
     "oba": inertial.oba,
     "oba_textbook": inertial.oba_textbook,
     "oba_interval": inertial.oba_interval,
@@ -24,9 +24,9 @@ CLASSICAL: dict[str, Estimator] = {
 
 _WEIGHED = {
     "gls": static.gls,
-    "two_position_weighted": indexed.two_position_weighted,
-    "cosine_fit_weighted": indexed.cosine_fit_weighted,
-    "carousel_weighted": indexed.carousel_weighted,
+    "two_position_weighted": rotation_modulation.two_position_weighted,
+    "cosine_fit_weighted": rotation_modulation.cosine_fit_weighted,
+    "carousel_weighted": rotation_modulation.carousel_weighted,
 }
 BASES: dict[str, Estimator] = CLASSICAL | {
     name: partial(estimate, checked=False) for name, estimate in _WEIGHED.items()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lbgc.data.windows import Windows
-from lbgc.estimators.course import levelled
+from lbgc.estimators.block_means import levelled
 
 _MOST = 0.15
 _ENOUGH = 16  # windows

@@ -1,6 +1,6 @@
 """The best that physics allows: the Bayes-optimal estimate of windows, and what to expect of it.
 
-Two bounds, both of the Gaussian model that `lbgc.estimators.information` states:
+Two bounds, both of the Gaussian model that `lbgc.estimators.posterior` states:
 
 - `crlb`, in closed form: the van Trees bound, errors being small against the circle. It is quoted
   only below 6 degrees; above, angles no longer behave like lengths.
@@ -18,11 +18,11 @@ import numpy as np
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import require
-from lbgc.estimators.course import MOST_BLOCKS, Course, Levelled
+from lbgc.estimators.block_means import MOST_BLOCKS, Course, Levelled
 from lbgc.estimators.estimate import Estimate
-from lbgc.estimators.information import AS_LENGTHS, across, along, bayes
-from lbgc.estimators.linear import answer, needs_model
-from lbgc.estimators.optimal import Information, check_fit, fitted
+from lbgc.estimators.information import Information, check_fit, fitted
+from lbgc.estimators.least_squares import answer, needs_model
+from lbgc.estimators.posterior import AS_LENGTHS, across, along, bayes
 from lbgc.frames import wrap
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor import streams

@@ -29,10 +29,10 @@ from scipy.spatial.transform import Rotation
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
-from lbgc.estimators import carried, circle, drift
+from lbgc.estimators import circle, reduced_order, velocity_errors
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.linear import check
-from lbgc.estimators.longrun import BLOCKS, variance
+from lbgc.estimators.least_squares import check
+from lbgc.estimators.sway_noise import BLOCKS, variance
 from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
 from lbgc.sensor.imu import ImuModel
 
@@ -80,8 +80,8 @@ def oba(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Velocity alignment with the sway's initial velocity free.
 
     imu : without it sigma is the sway's alone, and on a quiet base too small; see
-    lbgc.estimators.carried. What of an accelerometer's noise shows in the residuals counts twice:
-    where that is most of what they show, sigma is up to a tenth too large.
+    lbgc.estimators.velocity_errors. What of an accelerometer's noise shows in the residuals counts
+    twice: where that is most of what they show, sigma is up to a tenth too large.
     """
     return _align("oba", windows, imu, _CENTRED)
 
@@ -130,7 +130,7 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     unknown = sway + np.sum((np.einsum("wni,wnik->wk", g, of_bias) * turning) ** 2, axis=1)
     if imu is not None:
         c_ib = c_ib0[:, None] @ series.turned
-        unknown = unknown + carried.variance(windows, imu, c_ib, g)
+        unknown = unknown + velocity_errors.variance(windows, imu, c_ib, g)
     elif unknown.max(initial=0.0) > _NO_ANSWER**2:
         raise refusal(name, "imu", "", _ONE_FOR_THE_OTHER)
     series = integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
@@ -152,9 +152,9 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.
     if imu is None:
         of_any = np.full((len(windows), 3), _ANY_BIAS)
         return of_any, of_any
-    when = drift.When.of(windows)
-    law = drift.of_gyro(imu, when)
-    start, walk = drift.turning(imu, when)
+    when = reduced_order.When.of(windows)
+    law = reduced_order.of_gyro(imu, when)
+    start, walk = reduced_order.turning(imu, when)
     by_rate = start + walk * when.duration_s / 2
     turning = np.mean(windows.gyro[..., 2], axis=1)[:, None] ** 2 * by_rate
     every = np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS
@@ -351,14 +351,14 @@ def _sigma(
         total[rows] = _of_sway(left[rows], columns, g)
         if imu is not None:
             c_ib = c_ib0[rows, None] @ series.turned[rows]
-            total[rows] += carried.variance(windows.rows(rows), imu, c_ib, g[None])
+            total[rows] += velocity_errors.variance(windows.rows(rows), imu, c_ib, g[None])
         total[rows] /= size**2
     return np.sqrt(total)
 
 
 def _of_sway(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.ndarray:
     """Variance of g' r, (W,), (m/s)^2 times the square of g's unit, r the sway's velocity: see
-    lbgc.estimators.longrun.
+    lbgc.estimators.sway_noise.
 
     left : (W, T, >= 2), what is left of it; columns : (2 T, p), forward above right, what the fit
     could explain; g : (T, 2). Forward and right are taken as independent of each other.

@@ -1,38 +1,306 @@
-"""Headings from what Gaussian data tell of them: the mode, and the mean of the posterior.
+"""What means in the body's axes tell of the heading, when every error is Gaussian: what the floor,
+`gls`, the weighted estimators and the bound are made of.
 
-Whatever data tell of q = (cos psi, sin psi) is a 2-vector h and a 2 x 2 matrix J, the information
-(see lbgc.estimators.optimal), and the posterior is that of lbgc.estimators.circle.
+With q = (cos psi, sin psi) the data d of the six channels (see lbgc.estimators.error_patterns) are
+
+    d = S q + known + T t + U e + in-run noise of covariance C,    e standard normal
+
+t the level's error about the accelerometers' level, of any size, U the causes that are drawn once.
+C is one matrix a channel and the same for all windows of a course; S, T and U are coefficients of
+nine patterns. So each channel's patterns B, whitened by C's factor, are split once: L^-1 B = Q R.
+All that the data tell of q is then in y = Q' L^-1 d, nine figures a channel, and with N = [T U],
+whitened likewise, t and e are taken out by least squares on [N; 1]. What remains are h and J with
+
+    log p(psi | d) = q' h - q' J q / 2 + constant
 """
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
+import scipy.linalg
+from scipy.stats import chi2
 
-from lbgc.estimators import circle
-from lbgc.estimators.estimate import Estimate
-from lbgc.frames import wrap
+from lbgc.estimators.block_means import Course, Levelled, Site
+from lbgc.estimators.error_patterns import (
+    ANY_TILT,
+    CHANNELS,
+    PATTERNS,
+    causes,
+    factors,
+    free_bias,
+    patterns,
+    signal,
+    within,
+)
+from lbgc.estimators.estimate import refusal
+from lbgc.estimators.posterior import across
+from lbgc.frames import euler_to_matrix
+from lbgc.sensor.imu import ImuModel
 
-AS_LENGTHS = float(np.deg2rad(6.0))
-"""Below it angles behave like lengths."""
+LEVEL = np.eye(3)[None]
+_FINE, _COARSE = np.deg2rad(0.02), np.deg2rad(0.1)
+_LEANS = np.deg2rad(0.5)
+"""Leans are told apart by the first step, those below half a degree by the second; what that leaves
+is part of the level's error, which is unknown anyway."""
+_CHUNK = 256  # leans at once
+_MANY = 5.0  # standard deviations
+_TWICE, _RARELY = 2.0, 1e-8
 
 
-def along(heading: np.ndarray) -> np.ndarray:
-    """q, (*S, 2)."""
-    return np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """A course's patterns under a sensor's in-run noise."""
+
+    factor: np.ndarray
+    """(CHANNELS, n, n), L"""
+    Q: np.ndarray
+    """(CHANNELS, n, PATTERNS); columns of zeros where there are fewer parts than patterns"""
+    R: np.ndarray
+    """(CHANNELS, PATTERNS, PATTERNS)"""
+    reduce: np.ndarray
+    """(CHANNELS, PATTERNS, n), Q' L^-1"""
+
+    def told(self, body: np.ndarray) -> np.ndarray:
+        """y of data (V, CHANNELS, n): (V, CHANNELS PATTERNS)."""
+        return np.asarray(
+            np.einsum("can,vcn->vca", self.reduce, body, optimize=True).reshape(len(body), -1)
+        )
+
+    def columns(self, coefficients: np.ndarray) -> np.ndarray:
+        """What patterns of these coefficients, (*S, CHANNELS, PATTERNS), make of y:
+        (*S, CHANNELS PATTERNS)."""
+        found = np.einsum("cab,...cb->...ca", self.R, coefficients)
+        return np.asarray(found.reshape(*found.shape[:-2], -1))
+
+    def beside(self, body: np.ndarray) -> np.ndarray:
+        """Sum of squares, (V,), of what no pattern explains of data (V, CHANNELS, n)."""
+        total = np.zeros(len(body))
+        for channel in range(CHANNELS):
+            d, Q = body[:, channel].T, self.Q[channel]
+            left = scipy.linalg.solve_triangular(self.factor[channel], d, lower=True)
+            left -= Q @ (Q.T @ left)
+            total += np.sum(left**2, axis=0)
+        return total
 
 
-def across(heading: np.ndarray) -> np.ndarray:
-    """dq/dpsi, (*S, 2)."""
-    return np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+@lru_cache(maxsize=32)  # megabytes each
+def whitened(imu: ImuModel, course: Course) -> Whitened:
+    factor, B = factors(imu, course), patterns(imu, course)
+    n, k = len(B), min(len(B), PATTERNS)
+    Q, R = np.zeros((CHANNELS, n, PATTERNS)), np.zeros((CHANNELS, PATTERNS, PATTERNS))
+    reduce = np.zeros((CHANNELS, PATTERNS, n))
+    for channel, L in enumerate(factor):
+        white = scipy.linalg.solve_triangular(L, B, lower=True)
+        Q[channel, :, :k], R[channel, :k] = np.linalg.qr(white)
+        solved = scipy.linalg.solve_triangular(L, Q[channel], lower=True, trans="T")
+        reduce[channel] = solved.T
+    return Whitened(factor, Q, R, reduce)
 
 
-def likeliest(h: np.ndarray, J: np.ndarray) -> Estimate:
-    """The most likely headings, and the posterior's RMS angle about them.
-    h : (V, 2); J : (2, 2), or (V or 1, 2, 2)."""
-    heading = circle.mode(h, J)
-    return Estimate(heading, circle.posterior(h, J, heading).sigma)
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What data tell of q under G leans of the base: h = weights (y - known), and J."""
+
+    J: np.ndarray
+    """(G, 2, 2)"""
+    weights: np.ndarray
+    """(G, 2, CHANNELS PATTERNS)"""
+    known: np.ndarray
+    """(G, CHANNELS PATTERNS)"""
+    taken: np.ndarray
+    """(G, CHANNELS PATTERNS, r), orthonormal: what t and e take out of y"""
+
+    def sigma(self, heading: np.ndarray) -> np.ndarray:
+        """Standard deviation of headings (V,), rad, when errors are small: 1/sqrt(n' J n), n across
+        them; each under its own lean, or all under the one."""
+        n = across(heading)
+        return np.asarray(1 / np.sqrt(np.sum(np.sum(n[..., None] * self.J, axis=-2) * n, axis=-1)))
 
 
-def bayes(h: np.ndarray, J: np.ndarray) -> Estimate:
-    """The Bayes-optimal estimate: with a flat prior on the circle the posterior's circular mean,
-    which minimises the mean of 1 - cos(error); and the posterior's RMS error about it."""
-    found = circle.posterior(h, J)
-    return Estimate(wrap(found.heading), found.sigma)
+def _information(
+    imu: ImuModel, course: Course, site: Site, base: np.ndarray, free: bool
+) -> Information:
+    white, felt = whitened(imu, course), signal(base, site)
+    drawn = np.concatenate(list(causes(imu, base, site).values()), axis=1)
+    if free:
+        drawn = np.concatenate(
+            [drawn, np.broadcast_to(free_bias(), (len(base), 3, *drawn.shape[2:]))], axis=1
+        )
+    tilt = ANY_TILT * np.stack(felt.tilt, axis=1)
+    N = white.columns(np.concatenate([tilt, drawn], axis=1))
+    N = np.swapaxes(N[:, (N != 0).any(axis=(0, 2))], 1, 2)
+    S = np.swapaxes(white.columns(np.stack(felt.q, axis=1)), 1, 2)
+    m, r = N.shape[1:]
+    ones = np.broadcast_to(np.eye(r), (len(N), r, r))
+    taken = np.linalg.qr(np.concatenate([N, ones], axis=1))[0]
+    left = np.pad(S, ((0, 0), (0, r), (0, 0)))
+    left = left - taken @ (np.swapaxes(taken[:, :m], 1, 2) @ S)
+    J = np.swapaxes(left, 1, 2) @ left
+    return Information(J, np.swapaxes(left[:, :m], 1, 2), white.columns(felt.known), taken[:, :m])
+
+
+@lru_cache(maxsize=64)
+def information(
+    imu: ImuModel,
+    course: Course,
+    site: Site,
+    free_bias: bool = False,
+    lean: tuple[float, float] = (0.0, 0.0),
+) -> Information:
+    """What a whole course tells of q on a base that leans by roll and pitch, rad. free_bias : with
+    a constant of unknown size on each gyro, which is what an estimator assumes that is not told how
+    large a bias can be."""
+    base = euler_to_matrix(*lean, 0.0)[None]
+    return _information(imu, course, site, base, free_bias)
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What V windows tell of q."""
+
+    h: np.ndarray
+    """(V, 2)"""
+    J: np.ndarray
+    """(V, 2, 2), or (1, 2, 2) where it is one for all"""
+    misfit: np.ndarray
+    """(V,): mean of the normalised squares that the best q, level and causes leave; 1 where the
+    sensor's model is right. NaN where it was not asked for, or no data are left for it"""
+
+
+def told(imu: ImuModel, part: Levelled, free_bias: bool = False, check: bool = False) -> Told:
+    """What windows tell that share a course. check : whether the misfit is asked for."""
+    white = whitened(imu, part.course)
+    leans, which = apart(part.base)
+    if len(leans) == 1:
+        lean = (float(leans[0, 0]), float(leans[0, 1]))
+        every = information(imu, part.course, part.site, free_bias, lean)
+    else:
+        every = _of_many(imu, part, leans, free_bias)
+    y = white.told(part.body) - every.known[which]
+    h = np.einsum("via,va->vi", every.weights[which], y)
+    J = every.J if len(leans) == 1 else every.J[which]
+    misfit, free = np.full(len(y), np.nan), degrees(part.course)
+    if check and free > 0:
+        left = np.sum(y**2, axis=1) - np.sum(
+            np.einsum("var,va->vr", every.taken[which], y) ** 2, axis=1
+        )
+        left -= np.einsum("vi,vij,vj->v", h, np.linalg.pinv(every.J, hermitian=True)[which], h)
+        misfit = (white.beside(part.body) + left) / free
+    return Told(h, J, misfit)
+
+
+def fitted(imu: ImuModel, part: Levelled, free_bias: bool = False) -> Told:
+    """What windows tell, each with its slews where they fit the sensor's model. Where they do not
+    (an axis that wobbles, an encoder that lags), that window is told by the other parts alone. Of a
+    sensor that is stated without noise, each window's own scatter is the noise: what the bench does
+    that no sensor's model has."""
+    found = _fitted(imu, part, free_bias)
+    if not imu.is_noiseless:
+        return found
+    scatter = np.fmax(found.misfit, 1.0)
+    by = scatter[:, None, None]
+    return Told(found.h / by[:, 0], found.J / by, found.misfit / scatter)
+
+
+def _fitted(imu: ImuModel, part: Levelled, free_bias: bool) -> Told:
+    every, slews = told(imu, part, free_bias, check=True), part.course.slewing
+    if not slews.any() or slews.all():
+        return every
+    rest = part.only(~slews)
+    alone = told(imu, rest, free_bias, check=True)
+    added = every.misfit * degrees(part.course) - alone.misfit * degrees(rest.course)
+    count = 3 * int(slews.sum())
+    wrong = added > count + _MANY * np.sqrt(2 * count)
+    if not wrong.any():
+        return every
+    J = np.where(wrong[:, None, None], alone.J, every.J)
+    h = np.where(wrong[:, None], alone.h, every.h)
+    return Told(h, J, np.where(wrong, alone.misfit, every.misfit))
+
+
+def check_fit(name: str, course: Course, misfit: np.ndarray) -> None:
+    """Raise InputError where a window's data scatter far more than the sensor's model says: twice,
+    or where they are few as much as that exceeds once in 1e8. Each window is judged by itself.
+
+    name : of the estimator; misfit : (V,), see `Told`.
+    """
+    free = degrees(course)
+    if free <= 0:
+        return
+    most = max(_TWICE, float(chi2.isf(_RARELY, free)) / free)
+    wrong = int(np.sum(misfit > most))
+    if wrong:
+        some = f"{wrong} of {len(misfit)} windows" if len(misfit) > 1 else "a window"
+        raise refusal(
+            name, f"{np.max(misfit):.3g}", "", "times the scatter that the sensor's model explains "
+            f"in {some}: the base moves, or the model is not this sensor's"
+        )  # fmt: skip
+
+
+def degrees(course: Course) -> int:
+    """Data less what is fitted to them: q and the level. Slews' forces are none."""
+    n, slews = len(course.blocks), int(course.slewing.sum())
+    return CHANNELS * n - 3 * slews - 4
+
+
+def apart(base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Leans (G, 2), roll and pitch in rad, that stand for those of bases (V, 3, 3), and which of
+    them for each, (V,)."""
+    pitch, roll = np.arcsin(-base[:, 2, 0]), np.arctan2(base[:, 2, 1], base[:, 2, 2])
+    lean = np.stack([roll, pitch], axis=1)
+    step = np.where(np.abs(lean).max(axis=1, keepdims=True) < _LEANS, _COARSE, _FINE)
+    found, which = np.unique(np.round(lean / step) * step, axis=0, return_inverse=True)
+    return found + 0.0, which.reshape(-1)
+
+
+def _of_many(imu: ImuModel, part: Levelled, leans: np.ndarray, free: bool) -> Information:
+    base = euler_to_matrix(leans[:, 0], leans[:, 1], 0.0)
+    some = [
+        _information(imu, part.course, part.site, base[i : i + _CHUNK], free)
+        for i in range(0, len(base), _CHUNK)
+    ]
+    names = ("J", "weights", "known", "taken")
+    return Information(*(np.concatenate([getattr(one, n) for one in some]) for n in names))
+
+
+def spread_of(
+    imu: ImuModel, course: Course, site: Site, weights: np.ndarray, lean: tuple[float, float]
+) -> np.ndarray:
+    """Covariance, (k, k), of what these weights (k, CHANNELS, n) make of the sensor's errors, on a
+    base that leans by roll and pitch, rad."""
+    base = euler_to_matrix(*lean, 0.0)[None]
+    factor, B = factors(imu, course), patterns(imu, course)
+    noise = np.einsum("kcn,cnm->kcm", weights, factor)
+    drawn = np.concatenate(list(causes(imu, base, site).values()), axis=1)[0]
+    of_causes = np.einsum("kcn,nb,rcb->kr", weights, B, drawn, optimize=True)
+    return np.asarray(np.einsum("icm,jcm->ij", noise, noise) + of_causes @ of_causes.T)
+
+
+def budget(
+    imu: ImuModel,
+    course: Course,
+    site: Site,
+    heading: np.ndarray,
+    lean: tuple[float, float] = (0.0, 0.0),
+) -> dict[str, float]:
+    """What each cause contributes to the most likely heading's error, rad RMS over headings (V,).
+
+    Small errors are n'(h - J q)/(n' J n), n across the heading, and h - J q is the weights times
+    the causes' errors: their squares add up to the bound's.
+    """
+    found, white = information(imu, course, site, lean=lean), whitened(imu, course)
+    n, size = across(heading), found.sigma(heading) ** 2
+    own = found.weights[0].reshape(2, CHANNELS, PATTERNS)
+    weights = np.einsum("kca,can->kcn", own, white.reduce)
+    parts = {
+        name: np.einsum("icn,cnm,jcm->ij", weights, C, weights, optimize=True)
+        for name, C in within(imu, course).items()
+    }
+    for name, drawn in causes(imu, euler_to_matrix(*lean, 0.0)[None], site).items():
+        of_cause = found.weights[0] @ white.columns(drawn[0]).T
+        parts[name] = parts.get(name, 0.0) + of_cause @ of_cause.T
+    rms = {k: np.sqrt(max(float(np.mean(np.sum((n @ v) * n, axis=1) * size**2)), 0.0))
+           for k, v in parts.items()}  # fmt: skip
+    least = 1e-6 * max(rms.values())
+    return {name: float(size) for name, size in rms.items() if size > least}

@@ -10,10 +10,11 @@ models for large heading uncertainty"),
 so a heading that nobody knows is a q of any size, and the filter stays linear however wrong it
 begins; a small-angle heading error would not. What it has learnt of q at the end, less what it was
 told at the start, is a log-likelihood q' h - q' J q/2, and the circle is put back there (see
-lbgc.estimators.information). The other errors are attitude phi (true C = (I + phi x) C), velocity,
+lbgc.estimators.posterior). The other errors are attitude phi (true C = (I + phi x) C), velocity,
 and biases: of each gyro and accelerometer a constant that walks and one Gauss-Markov process (see
-lbgc.estimators.drift), and what a rate about z makes in each gyro: misalignment, and scale in z. A
-sensor that warms up has each gyro's bias by the kelvin besides, times the course of the warming.
+lbgc.estimators.reduced_order), and what a rate about z makes in each gyro: misalignment, and scale
+in z. A sensor that warms up has each gyro's bias by the kelvin besides, times the course of the
+warming.
 
     phi' = -w_ie x phi - C (b_g + m w_z + white) - dw_ie(q)
     v'   = -f x phi - C (b_a + white)
@@ -27,9 +28,9 @@ a third more error than the optimum.
 
 Whether the base rests is asked of the filter: where its innovations are much larger than it
 expects, the window is answered again at 10 Hz or faster, C carried by the gyros throughout, and
-with velocity as noisy as the window shows it to be (see lbgc.estimators.longrun). Steps of a tenth
-of a second blur a sway of one or two cycles a second: there sigma is too large, by a tenth and more
-(`oba` sees the samples).
+with velocity as noisy as the window shows it to be (see lbgc.estimators.sway_noise). Steps of a
+tenth of a second blur a sway of one or two cycles a second: there sigma is too large, by a tenth
+and more (`oba` sees the samples).
 """
 
 from dataclasses import dataclass
@@ -38,12 +39,12 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE
-from lbgc.estimators import drift
+from lbgc.estimators import reduced_order
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.information import bayes
-from lbgc.estimators.linear import check, needs_model
+from lbgc.estimators.filter_steps import Steps, coarse, cut_steps, sway
+from lbgc.estimators.least_squares import check, needs_model
 from lbgc.estimators.plate import mean_turn
-from lbgc.estimators.steps import Steps, coarse, cut_steps, sway
+from lbgc.estimators.posterior import bayes
 from lbgc.frames import matrix_to_euler, rotation_matrix, rotation_z, skew, wrap
 from lbgc.sensor.errors import ONE
 from lbgc.sensor.imu import ImuModel
@@ -92,7 +93,8 @@ def _answer(windows: Windows, imu: ImuModel) -> Estimate:
     samples = windows.gyro.shape[1]
     steps = cut_steps(windows, imu, -(-samples // _MOST_STEPS), False, "ekf")
     quiet = np.full(
-        len(windows), _STILL**2 + drift.of_accel(imu, drift.When.of(windows)).angle.max()
+        len(windows),
+        _STILL**2 + reduced_order.of_accel(imu, reduced_order.When.of(windows)).angle.max(),
     )
     found, surprise = _filter(windows, imu, steps, quiet, still=True)
     moves = np.flatnonzero(surprise > _MOVES)
@@ -148,8 +150,8 @@ class _State:
 class _Law:
     """How errors come about in W windows."""
 
-    gyro: drift.Drift
-    accel: drift.Drift
+    gyro: reduced_order.Drift
+    accel: reduced_order.Drift
     earth: np.ndarray
     """(W, 3, 2), rad/s: of q"""
     vertical: np.ndarray
@@ -170,12 +172,12 @@ class _Law:
 
     @classmethod
     def of(cls, windows: Windows, imu: ImuModel, steps: Steps, still: bool) -> "_Law":
-        latitude, when = windows.latitude, drift.When.of(windows)
+        latitude, when = windows.latitude, reduced_order.When.of(windows)
         w, h = len(windows), steps.interval
         # How a bias changes by the kelvin is a state of its own.
         by_kelvin = imu.gyro.variance(ONE, warms=True).diagonal()
-        gyro = drift.of_gyro(imu, when, warming_bias=False)
-        accel = drift.of_accel(imu, when)
+        gyro = reduced_order.of_gyro(imu, when, warming_bias=False)
+        accel = reduced_order.of_accel(imu, when)
         earth = np.zeros((w, 3, 2))
         earth[:, 0, 0] = EARTH_RATE * np.cos(latitude)
         earth[:, 1, 1] = -earth[:, 0, 0]
@@ -186,7 +188,7 @@ class _Law:
         start, driven, decay = np.zeros((w, states)), np.zeros((w, states)), np.ones(states)
         start[:, PHI] = _TILT_SIGMA**2, _TILT_SIGMA**2, 0.0
         start[:, V], start[:, Q] = _SHAKEN**2, _Q_SIGMA**2
-        start[:, M], of_turning = drift.turning(imu, when)
+        start[:, M], of_turning = reduced_order.turning(imu, when)
         driven[:, M] = of_turning * h
         for law, constant, wanders in ((gyro, BG, WG), (accel, BA, WA)):
             start[:, constant], start[:, wanders] = law.constant, law.wander

@@ -6,11 +6,11 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned
-from lbgc.estimators.course import levelled
+from lbgc.estimators.block_means import levelled
+from lbgc.estimators.error_patterns import timeless
 from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.least_squares import answer, check, needs_model, plain, weighted
 from lbgc.estimators.level import gyrocompass, level
-from lbgc.estimators.linear import answer, check, needs_model, plain, weighted
-from lbgc.estimators.sources import timeless
 from lbgc.frames import matrix_to_euler, wrap
 from lbgc.sensor.imu import ImuModel
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.data import calibrated as draws
+from lbgc.data import compensated as draws
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.data.plausible import mean_noise, residual, stated_errors
+from lbgc.data.checks.plausible import mean_noise, residual, stated_errors
 from lbgc.data.record import Record
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE

@@ -31,7 +31,7 @@ _KNOWN = 0.05
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrainingPlan:
     """How to train."""
 
     model: ModelConfig
@@ -61,7 +61,12 @@ class Trainer:
     """One network's training. What it has learned so far is in `net`, `best` and `history`."""
 
     def __init__(
-        self, plan: Plan, source: Examples, sensed: Sensed, stored: Labelled, validation: Labelled
+        self,
+        plan: TrainingPlan,
+        source: Examples,
+        sensed: Sensed,
+        stored: Labelled,
+        validation: Labelled,
     ):
         """source : of training's; stored, validation : whole recordings of the two splits."""
         self.plan, self.source, self.sensed = plan, source, sensed
@@ -338,7 +343,9 @@ def _alike(found: Any, own: Any, more: bool = False) -> bool:
     return type(found) in (int, float) and math.isfinite(found)
 
 
-def _schedule(plan: Plan, optimiser: torch.optim.Optimizer) -> torch.optim.lr_scheduler.LRScheduler:
+def _schedule(
+    plan: TrainingPlan, optimiser: torch.optim.Optimizer
+) -> torch.optim.lr_scheduler.LRScheduler:
     if plan.schedule == "cosine":
         return torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, plan.steps)
     return torch.optim.lr_scheduler.OneCycleLR(

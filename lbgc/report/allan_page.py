@@ -13,7 +13,7 @@ from lbgc.report.figures import AXIS_COLOURS, AXIS_NAMES
 from lbgc.report.fitted import explained
 from lbgc.sensor import noise
 from lbgc.sensor.allan import confidence_band, octave_taus, overlapping_deviation
-from lbgc.sensor.fitting import Fit
+from lbgc.sensor.fitting.noise_fit import Fit
 from lbgc.units import DEG, HOUR, STANDARD_GRAVITY
 
 _UNIT = {"gyro": (DEG / HOUR, "deg/h"), "accel": (1e-6 * STANDARD_GRAVITY, "ug")}

@@ -8,11 +8,11 @@ import numpy as np
 
 from lbgc.data.static import AXES, Static
 from lbgc.report.remarks import remarks
-from lbgc.sensor.fitting import Fit
-from lbgc.sensor.goodness import Goodness
-from lbgc.sensor.profile import Estimate
-from lbgc.sensor.shapes import given_damping, is_line
-from lbgc.sensor.trial import half_power_ratio
+from lbgc.sensor.fitting.goodness import Goodness
+from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.profile import FittedParameter
+from lbgc.sensor.fitting.shapes import given_damping, is_line
+from lbgc.sensor.fitting.trial import half_power_ratio
 from lbgc.units import factor, unit_of
 
 # parameter -> the key of `conf/imu/`, for a gyro and for an accelerometer
@@ -48,14 +48,14 @@ WORDS = {
 }
 
 
-def every_estimate(fit: Fit) -> dict[str, Estimate]:
+def every_estimate(fit: Fit) -> dict[str, FittedParameter]:
     """What was estimated and what was taken as given, by name."""
-    out: dict[str, Estimate] = {}
+    out: dict[str, FittedParameter] = {}
     for name, e in fit.estimates.items():
         out[name] = e
         if name == "bandwidth" and "damping" not in fit.estimates:
             white = next(s for s in fit.shapes if s.names[0] == "N")
-            out["damping"] = Estimate(*[given_damping(white)] * 4)
+            out["damping"] = FittedParameter(*[given_damping(white)] * 4)
     return {**out, "ramp": fit.ramp}
 
 
@@ -145,16 +145,16 @@ def explained(fit: Fit) -> str:
     return f"p = {g.p:.2g}: spectrum {g.p_spectrum:.2g}, Allan {g.p_allan:.2g}, time {g.p_time:.2g}"
 
 
-def half_power(fit: Fit) -> Estimate:
+def half_power(fit: Fit) -> FittedParameter:
     """The frequency at which the fitted filter lets half of the power through, Hz. It is better
     known than the natural frequency, which goes with the damping."""
     e = fit.estimates["bandwidth"]
     damping = every_estimate(fit)["damping"].value
     ratio = half_power_ratio(damping)
-    return Estimate(ratio * e.value, ratio * e.low, ratio * e.high, ratio * e.upper)
+    return FittedParameter(ratio * e.value, ratio * e.low, ratio * e.high, ratio * e.upper)
 
 
-def spelled(e: Estimate, key: str) -> str:
+def spelled(e: FittedParameter, key: str) -> str:
     """An estimate, or the limit that the data set, in its key's unit."""
     scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
     if e.is_withheld:
@@ -207,6 +207,6 @@ def _goodness(g: Goodness) -> dict:
     }
 
 
-def _plain(e: Estimate) -> dict[str, float | None]:
+def _plain(e: FittedParameter) -> dict[str, float | None]:
     """An estimate as JSON, with null where the data set no upper end."""
     return {key: value if np.isfinite(value) else None for key, value in asdict(e).items()}

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.data.static import PARTS, Static
-from lbgc.sensor import bias_size
-from lbgc.sensor.bias_size import BiasSize
-from lbgc.sensor.fitting import Fit
-from lbgc.sensor.warmup import Course
+from lbgc.sensor.fitting import bias_size
+from lbgc.sensor.fitting.bias_size import BiasSize
+from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.warmup import MeanChange
 from lbgc.units import factor, unit_of
 
 _PER_K = ("bias_per_k_deg_per_h_per_k", "bias_per_k_ug_per_k")
@@ -55,7 +55,7 @@ def _figure(value: float) -> str:
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
-def _decays(fit: Fit) -> list[Course]:
+def _decays(fit: Fit) -> list[MeanChange]:
     return [c for c in fit.courses if c.kind == "decay"]
 
 

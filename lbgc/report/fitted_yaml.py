@@ -5,11 +5,11 @@ import numpy as np
 from lbgc.data.static import Static
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
 from lbgc.report.fitted_beside import beside
-from lbgc.sensor.bias_size import BiasSize
 from lbgc.sensor.calibration import Calibration
-from lbgc.sensor.fitting import Fit
-from lbgc.sensor.profile import Estimate
-from lbgc.sensor.shapes import is_line, poles
+from lbgc.sensor.fitting.bias_size import BiasSize
+from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.profile import FittedParameter
+from lbgc.sensor.fitting.shapes import is_line, poles
 from lbgc.units import factor
 
 
@@ -70,7 +70,7 @@ def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
 _NEUTRAL = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "damping": 1.0}
 
 
-def _figures(start: str, name: str, found: list[Estimate | None], scale: float) -> str:
+def _figures(start: str, name: str, found: list[FittedParameter | None], scale: float) -> str:
     """`key: [x, y, z]  # intervals`; an axis that has no such part has a neutral figure."""
     neutral = _NEUTRAL.get(name, 0.0)
     is_size = name not in _NEUTRAL  # else part of a shape, which keeps its place at an end too
@@ -84,7 +84,7 @@ def _figures(start: str, name: str, found: list[Estimate | None], scale: float) 
     return f"{start}: [{', '.join(map(_number, told))}]  # {', '.join(ranges)}"
 
 
-def _range(e: Estimate, scale: float) -> str:
+def _range(e: FittedParameter, scale: float) -> str:
     if e.is_withheld:
         return "cannot be told"
     if e.is_limit:

@@ -1,9 +1,9 @@
 """What a fit has to say besides its figures, in plain sentences: what the mean does beyond noise,
 and what counts do to what can be told."""
 
-from lbgc.sensor.counts import Counts
-from lbgc.sensor.fitting import Fit
-from lbgc.sensor.warmup import Course
+from lbgc.sensor.fitting.counts import Counts
+from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.warmup import MeanChange
 from lbgc.units import factor, unit_of
 
 # of what drifts, and of counts: keys whose units the user knows, for a gyro and an accelerometer
@@ -24,7 +24,7 @@ def remarks(fit: Fit, which: int) -> list[str]:
     return said
 
 
-def of_course(c: Course, which: int) -> str:
+def of_course(c: MeanChange, which: int) -> str:
     key = _SIZE[which]
     size, unit = c.size / factor(key), unit_of(key)
     what = {

@@ -3,8 +3,9 @@
 Each recording gives a mean rate at a known heading and attitude. Earth's rate in the body is known
 there, so what is left over is split: a constant is the unit's bias, what scatters about it is the
 session's and the run's, and what follows Earth's horizontal rate is scale and misalignment
-(`lbgc.sensor.gain`). The vertical rate is the same at every heading, so the third column of M hides
-in the bias. What all that is worth is told on recordings that it was not fitted to.
+(`lbgc.sensor.scale_misalignment`). The vertical rate is the same at every heading, so the third
+column of M hides in the bias. What all that is worth is told on recordings that it was not fitted
+to.
 """
 
 from collections.abc import Callable
@@ -15,8 +16,8 @@ from scipy import stats
 
 from lbgc.earth import EARTH_RATE, earth_rate_ned
 from lbgc.frames import euler_to_matrix, wrap
-from lbgc.sensor.gain import Gain, gain
 from lbgc.sensor.lifetimes import Lifetimes, by_lifetime, student_interval
+from lbgc.sensor.scale_misalignment import Gain, gain
 
 FEWEST = 3
 """Recordings without which nothing is split."""
@@ -91,7 +92,7 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class Resting:
+class LabelledMeans:
     """Mean rates of resting recordings of one unit, and the truth about them."""
 
     rates: np.ndarray
@@ -109,8 +110,8 @@ class Resting:
     def error(self) -> np.ndarray:
         return np.asarray(self.rates - self.truth)
 
-    def rows(self, pick: np.ndarray) -> "Resting":
-        return Resting(**{name: values[pick] for name, values in vars(self).items()})
+    def rows(self, pick: np.ndarray) -> "LabelledMeans":
+        return LabelledMeans(**{name: values[pick] for name, values in vars(self).items()})
 
     def heading_error(self, mended: np.ndarray) -> np.ndarray:
         """rad, (R,), of the heading that these rates (R, 3) give."""
@@ -124,13 +125,13 @@ def _resting(
     latitude: float | np.ndarray,
     session: np.ndarray | None,
     tilt: tuple[np.ndarray, np.ndarray] | None,
-) -> Resting:
+) -> LabelledMeans:
     none = np.zeros(len(rates))
     roll, pitch = (none, none) if tilt is None else tilt
     level = euler_to_matrix(roll, pitch, none)
     earth = np.broadcast_to(earth_rate_ned(latitude), (len(rates), 3))
     truth = np.einsum("rij,ri->rj", euler_to_matrix(roll, pitch, heading), earth)
-    return Resting(rates, heading, level, truth, none if session is None else session)
+    return LabelledMeans(rates, heading, level, truth, none if session is None else session)
 
 
 def calibrate(
@@ -177,7 +178,7 @@ def calibrate(
     )
 
 
-def _fitted(data: Resting) -> tuple[Gain, Lifetimes, np.ndarray]:
+def _fitted(data: LabelledMeans) -> tuple[Gain, Lifetimes, np.ndarray]:
     """What follows Earth's rate, what does not by lifetime, and the constant's standard error,
     (3,): with what the uncertain slopes add at the headings' middle."""
     found = gain(data.error, data.truth, data.session)
@@ -193,11 +194,11 @@ Told = tuple[np.ndarray, np.ndarray | None]
 """A bias (3,), rad/s, and M (3, 3) or None."""
 
 
-def _left_out_of_all(data: Resting, plain: np.ndarray) -> LeftOut | None:
+def _left_out_of_all(data: LabelledMeans, plain: np.ndarray) -> LeftOut | None:
     """Bias, scale and misalignment taken out of those left out; None where the headings of the
     others do not tell them."""
 
-    def told(others: Resting) -> Told:
+    def told(others: LabelledMeans) -> Told:
         found, times, _ = _fitted(others)
         if found.matrix is None:
             raise _NotTold
@@ -213,7 +214,9 @@ class _NotTold(Exception):
     """Scale and misalignment do not show in these recordings."""
 
 
-def _left_out(data: Resting, plain: np.ndarray, told: Callable[[Resting], Told]) -> LeftOut:
+def _left_out(
+    data: LabelledMeans, plain: np.ndarray, told: Callable[[LabelledMeans], Told]
+) -> LeftOut:
     """Each session's headings (each recording's, where there are not three sessions) corrected by
     what the others tell.
 

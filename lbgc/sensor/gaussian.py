@@ -32,7 +32,7 @@ _GROUP = 32
 """Blocks whose states are found together. Changing it changes bytes, too."""
 
 
-Source: TypeAlias = np.random.Generator | Sequence[np.random.Generator]
+Generators: TypeAlias = np.random.Generator | Sequence[np.random.Generator]
 """Random generator: one for all series, or several for as many equal parts of them."""
 
 
@@ -142,12 +142,12 @@ class GaussianTerm:
         """Its Allan variance, unit^2, at averaging times tau (*S), s."""
         raise NotImplementedError
 
-    def sample(self, rng: Source, shape: tuple[int, ...], dt: float) -> np.ndarray:
+    def sample(self, rng: Generators, shape: tuple[int, ...], dt: float) -> np.ndarray:
         """This term alone; see the module's `sample`."""
         return sample((self,), rng, shape, dt)
 
     def sample_means(
-        self, rng: Source, shape: tuple[int, ...], dt: float, block: int
+        self, rng: Generators, shape: tuple[int, ...], dt: float, block: int
     ) -> np.ndarray:
         """This term alone; see the module's `sample_means`."""
         return sample_means((self,), rng, shape, dt, block)
@@ -162,7 +162,7 @@ Gaussians: TypeAlias = tuple[GaussianTerm, ...]
 
 def sample(
     terms: Gaussians,
-    rng: Source,
+    rng: Generators,
     shape: tuple[int, ...],
     dt: float,
     out: np.ndarray | None = None,
@@ -199,7 +199,7 @@ def sample(
     return drawn_to
 
 
-def _normals(rng: Source, count: int, each: int) -> np.ndarray:
+def _normals(rng: Generators, count: int, each: int) -> np.ndarray:
     """Standard normal, float32 (count, each); from several generators as many rows of each."""
     if isinstance(rng, np.random.Generator):
         return rng.standard_normal((count, each), dtype=np.float32)
@@ -263,7 +263,7 @@ def sample_axes(
 
 
 def sample_means(
-    terms: Gaussians, rng: Source, shape: tuple[int, ...], dt: float, block: int
+    terms: Gaussians, rng: Generators, shape: tuple[int, ...], dt: float, block: int
 ) -> np.ndarray:
     """Draw means over blocks of `block` samples with exactly the law of averaging `sample`.
 

@@ -183,7 +183,7 @@ class Triad:
         """A power-up's own errors."""
         return {error.name: error.draw(rng) for error in self.lasting("session")}
 
-    def draw_run(self, rng: gaussian.Source, lasting: Drawn) -> Drawn:
+    def draw_run(self, rng: gaussian.Generators, lasting: Drawn) -> Drawn:
         """What is drawn before a recording starts, joined to what its unit and session fixed; of
         several recordings all of that has one more axis in front. rng : one for all of them, or one
         each."""
@@ -251,7 +251,7 @@ class Triad:
 
     def measure_means(
         self,
-        rng: gaussian.Source,
+        rng: gaussian.Generators,
         truth: np.ndarray,
         drawn: Drawn,
         n: int,
@@ -285,7 +285,7 @@ class Triad:
     def _noise(
         self,
         terms: tuple[gaussian.Gaussians, ...],
-        rng: gaussian.Source,
+        rng: gaussian.Generators,
         drawn: Drawn,
         n: int,
         dt: float,

@@ -33,10 +33,10 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, at_rate
 from lbgc.errors import require_choice
 from lbgc.estimators import CLASSICAL
-from lbgc.estimators.course import Site, levelled
+from lbgc.estimators.block_means import Site, levelled
+from lbgc.estimators.error_patterns import ANY_TILT, causes, factors, patterns, signal
 from lbgc.estimators.floor import course_of, crlb, floor, white_crlb
-from lbgc.estimators.optimal import Information, information
-from lbgc.estimators.sources import ANY_TILT, causes, factors, patterns, signal
+from lbgc.estimators.information import Information, information
 from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import rotation_z, wrap
 from lbgc.report import paper

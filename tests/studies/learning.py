@@ -30,7 +30,7 @@ import lbgc.export
 import lbgc.train
 import sim.generate
 from lbgc import cores
-from lbgc.data.calibrated import calibrated, drawn_errors
+from lbgc.data.compensated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled

@@ -22,10 +22,13 @@ from tqdm import tqdm
 
 from lbgc.data import logs
 from lbgc.fit import FitConfig
-from lbgc.sensor import fitting, gaussian
+from lbgc.sensor import gaussian
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
 from lbgc.sensor.deterministic import Ramp, Sinusoid
-from lbgc.sensor.likelihood import Likelihood
+from lbgc.sensor.fitting import noise_fit
+from lbgc.sensor.fitting.likelihood import Likelihood
+from lbgc.sensor.fitting.ordinates import ordinates
+from lbgc.sensor.fitting.shapes import core
 from lbgc.sensor.noise import (
     AngleQuantisation,
     BandLimited,
@@ -35,8 +38,6 @@ from lbgc.sensor.noise import (
     RandomWalk,
     White,
 )
-from lbgc.sensor.ordinates import ordinates
-from lbgc.sensor.shapes import core
 
 CASES = cases("noise")
 FLOOR = np.sqrt(2 * np.log(2) / np.pi)
@@ -240,10 +241,10 @@ def one_log(sensor: dict, seconds: float, key: tuple[int, ...]) -> list[dict]:
     dt = 1 / CASES["fit"]["rate_hz"]
     terms = (White(sensor["N"]), Flicker(sensor["B"]), RandomWalk(sensor["K"]))
     y = gaussian.sample(terms, generator(*key), (3, round(seconds / dt)), dt)
-    return [vars_of(fitting.choose(ordinates(axis, dt))) for axis in y]
+    return [vars_of(noise_fit.choose(ordinates(axis, dt))) for axis in y]
 
 
-def vars_of(fit: fitting.Fit) -> dict:
+def vars_of(fit: noise_fit.Fit) -> dict:
     return {name: fit.estimates[name] for name in ("N", "B", "K") if name in fit.estimates}
 
 
@@ -340,7 +341,7 @@ def adis(report: Report) -> None:
             most = CASES["adis"]["samples"]
             series = {u: getattr(r, part)[:most, axis] for u, r in records.items()}
             n, dt = len(series[1]), 0.01
-            fit = fitting.choose(ordinates(series[1], dt))
+            fit = noise_fit.choose(ordinates(series[1], dt))
             taus = octave_taus(n, dt, most=0.1)
             real = {u: deviation(y, dt, taus) for u, y in series.items()}
             simulated = []

@@ -24,15 +24,15 @@ from tqdm import tqdm
 
 import lbgc.train
 import sim.generate
-from lbgc.data.calibrated import calibrated, drawn_errors
+from lbgc.data.compensated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled
 from lbgc.earth import EARTH_RATE, earth_rate_ned
-from lbgc.estimators.course import Site
+from lbgc.estimators.block_means import Site
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.floor import course_of, floor
-from lbgc.estimators.optimal import information
+from lbgc.estimators.information import information
 from lbgc.estimators.static import mean
 from lbgc.frames import rotation_z, wrap
 from lbgc.learning.estimator import Learned

@@ -1,0 +1,1 @@
+"""What a log's recordings must pass before anything is answered from them."""

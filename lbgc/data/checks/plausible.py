@@ -1,0 +1,250 @@
+"""Whether a resting IMU's means can be what its log's description says: units, and gyro biases.
+
+A wrong unit and a large bias both make a mean rate that is not Earth's, so they are weighed against
+each other: nothing is called a wrong unit that a bias explains about as well.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.data.checks.findings import Finding
+from lbgc.data.logconfig import LogConfig
+from lbgc.data.record import Record
+from lbgc.earth import EARTH_RATE, normal_gravity
+from lbgc.sensor.errors import FORCE, ONE, TRUTH
+from lbgc.sensor.imu import ImuModel, Triad
+from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
+
+PER_HOUR = HOUR / DEG
+"""deg/h in a rad/s."""
+FIVE_SIGMA = 32.2
+"""Chi-square of three degrees of freedom that is exceeded as seldom as 5 sigma, 6e-7."""
+_FORCE_SHARE = 0.2
+_MENTIONED, _CERTAIN, _OTHER_KIND = 30.0, 1e6, 0.1
+"""Odds at which a unit is named beside a bias, and refused on its own; and of an increment for a
+rate, or a rate for an increment, before anything is seen."""
+_COUNTS = (8, 16, 32, 64)
+_ANGLES = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+
+
+@dataclass(frozen=True)
+class Resting:
+    """The means of a recording, and what they can be wrong by."""
+
+    name: str
+    rate: np.ndarray
+    """(3,), rad/s, body axes as described."""
+    noise: np.ndarray
+    """(3,), rad/s: 1 sigma that the log's own scatter adds to `rate`."""
+    stated: np.ndarray | None
+    """(3,), rad/s: 1 sigma of the errors that are stated of the gyros; None: none are."""
+    force: np.ndarray
+    """(3,), m/s^2."""
+    latitude: float
+    """rad"""
+    unsteady: float
+    """rad/s: 1 sigma of the means over eighths of the recording, on the axis that varies most."""
+    limit: float
+    """rad/s: the largest gyro bias that is thought possible, as the length of a vector."""
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(3,), rad/s: noise and what is stated. Never quite zero."""
+        stated = 0.0 if self.stated is None else self.stated
+        return np.sqrt(self.noise**2 + stated**2 + (1e-5 * EARTH_RATE) ** 2)
+
+    @property
+    def horizontal(self) -> float:
+        """Earth's horizontal rate here, rad/s."""
+        return EARTH_RATE * float(np.cos(self.latitude))
+
+
+def resting(record: Record, config: LogConfig, imu: ImuModel | None) -> Resting:
+    """A recording's means, what their noise is and what is stated of the sensor's errors."""
+    noise = mean_noise(record.gyro)
+    stated = None if imu is None else stated_errors(imu.gyro, record.duration_s)
+    limit = config.refuses_above[1] / PER_HOUR
+    if stated is not None:
+        limit = max(limit, float(np.sqrt(FIVE_SIGMA) * stated.max()))
+    return Resting(
+        record.name,
+        record.gyro.mean(axis=0),
+        noise,
+        stated,
+        record.accel.mean(axis=0),
+        record.latitude,
+        _unsteady(record.gyro),
+        limit,
+    )
+
+
+def mean_noise(values: np.ndarray) -> np.ndarray:
+    """1 sigma of the mean of (T, 3) values by the scatter of block means, (3,).
+
+    White noise has it by blocks of any length. What scatters more at longer blocks than that is
+    slow, and does not average out: the longest blocks' excess is added whole.
+    """
+    n = len(values)
+    variance = np.zeros(3)
+    scatter = {}
+    for count in _COUNTS:
+        if n >= 2 * count:
+            size = n // count
+            means = values[: size * count].reshape(count, size, 3).mean(axis=1)
+            scatter[count] = means.var(axis=0, ddof=1)
+            variance = np.maximum(variance, scatter[count] / count)
+    if not scatter:
+        return np.asarray(np.ptp(values, axis=0) / np.sqrt(max(n, 1)))
+    shortest, longest = max(scatter), min(scatter)
+    white = scatter[shortest] * longest / shortest
+    # With eight blocks scatter exceeds twice the white one's by chance in 1% of logs: harmless.
+    excess = np.maximum(scatter[longest] - 2 * white, 0.0)
+    return np.asarray(np.sqrt(variance + excess))
+
+
+def _unsteady(values: np.ndarray) -> float:
+    size = len(values) // 8
+    if size == 0:
+        return 0.0
+    return float(values[: 8 * size].reshape(8, size, 3).mean(axis=1).std(axis=0).max())
+
+
+def stated_errors(gyro: Triad, duration_s: float) -> np.ndarray | None:
+    """1 sigma of what is stated of the gyros' mean over a recording at rest, noise that averages
+    out aside, (3,), rad/s. None where no bias is stated: that is no statement that there is none.
+    """
+    bias = gyro.bias() ** 2
+    if not bias.any():
+        return None
+    slow = 2 * np.square(gyro.B) + np.square(gyro.K) * duration_s + np.square(gyro.gauss_markov)
+    slow = slow + np.square(gyro.R) * duration_s**2 / 4
+    felt = gyro.variance(FORCE).max(axis=1) * normal_gravity(0.0) ** 2
+    felt = felt + gyro.variance(ONE, warms=True).diagonal() * 30.0**2  # a sensor's usual rise, K
+    turned = gyro.variance(TRUTH).sum(axis=1) * EARTH_RATE**2
+    return np.asarray(np.sqrt(bias + slow + felt + turned))
+
+
+def residual(
+    rate: np.ndarray, force: np.ndarray, latitude: float, sigma: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """How far a mean rate is from any that Earth could cause, whatever the heading: chi-square
+    (over the vertical and the horizontal part at once), and the residual itself, (3,), rad/s.
+
+    rate : (3,), rad/s; force : (3,), of any size; latitude : rad; sigma : (3,), rad/s.
+    """
+    earth = _possible(force, latitude, _ANGLES)
+    chi = np.sum(((rate - earth) / sigma) ** 2, axis=1)
+    step = _ANGLES[1] - _ANGLES[0]
+    fine = _ANGLES[chi.argmin()] + np.linspace(-step, step, 201)
+    earth = _possible(force, latitude, fine)
+    chi = np.sum(((rate - earth) / sigma) ** 2, axis=1)
+    best = int(chi.argmin())
+    return float(chi[best]), rate - earth[best]
+
+
+def _possible(force: np.ndarray, latitude: float, angles: np.ndarray) -> np.ndarray:
+    """Earth's rate in body axes at these headings (A,), by where the measured down points."""
+    down = down_of(force)
+    side = np.eye(3)[np.abs(down).argmin()]
+    first = side - down * (side @ down)
+    first /= np.linalg.norm(first)
+    second = np.cross(down, first)
+    level = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
+    return np.asarray(EARTH_RATE * (np.cos(latitude) * level - np.sin(latitude) * down))
+
+
+def down_of(force: np.ndarray) -> np.ndarray:
+    """The measured vertical, a unit vector, (3,): at rest the specific force points up."""
+    norm = float(np.linalg.norm(force))
+    return -force / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def force_finding(rest: Resting, config: LogConfig, rate_hz: float) -> Finding | None:
+    """A mean force that is not within a fifth of gravity's: a unit, or a broken sensor."""
+    g = normal_gravity(rest.latitude)
+    norm = float(np.linalg.norm(rest.force))
+    if abs(norm / g - 1) < _FORCE_SHARE:
+        return None
+    unit = config.accel_unit
+    if unit == "auto":
+        own, shown = 1.0, "auto"
+        fitting = []
+    else:
+        own, shown = _force_factor(unit, rate_hz), unit
+        every = {u: _force_factor(u, rate_hz) for u in (*FORCE_UNITS, *VELOCITY_UNITS)}
+        fitting = [u for u, f in every.items() if abs(norm / own * f / g - 1) < _FORCE_SHARE]
+    why = f"in {' or '.join(fitting)} it would make sense"
+    if not fitting:
+        why = "no unit makes sense of it: is it at rest, and its scale right?"
+        if norm < _FORCE_SHARE * g:
+            why += " Or was gravity taken out of it?"
+    says = f"{rest.name} would rest at {norm:.4g} m/s2, not within 20% of g; {why}"
+    return Finding("force", "log.accel_unit", shown, "", says)
+
+
+def rate_finding(rest: Resting, config: LogConfig, rate_hz: float, north: bool) -> Finding | None:
+    """A mean rate that Earth cannot cause: a bias above the limit, or another unit."""
+    _, off = residual(rest.rate, rest.force, rest.latitude, np.ones(3))
+    bias = max(0.0, float(np.linalg.norm(off)) - 5 * float(rest.noise.max()))
+    too_large = bool(bias > rest.limit)
+    odds = _odds_of_units(rest, config.gyro_unit, rate_hz)
+    best = max(odds.values(), default=0.0)
+    enough = max(_MENTIONED if too_large else _CERTAIN, best / _MENTIONED)
+    named = sorted((u for u in odds if odds[u] > enough), key=lambda u: -odds[u])
+    mean = float(np.linalg.norm(rest.rate)) * PER_HOUR
+    limit = rest.limit * PER_HOUR
+    said = f"{rest.name}'s mean rate would be {mean:.4g} deg/h where Earth's is "
+    said += f"{EARTH_RATE * PER_HOUR:.4g}: "
+    if named and best > _CERTAIN:
+        says = f"{said}a bias does not hide Earth's rate so well; in {' or '.join(named)} it would "
+        return Finding("unit", "log.gyro_unit", config.gyro_unit, "", says + "make sense")
+    if not too_large or not north:
+        return None
+    says = f"{said}a bias of at least {bias * PER_HOUR:.3g}, above the largest that is thought "
+    says += f"possible ({limit:.4g}); Earth's horizontal rate here is "
+    says += f"{rest.horizontal * PER_HOUR:.3g}, so such a bias hides north from a resting IMU. "
+    enough = float(f"{1.5 * (bias + 5 * float(rest.noise.max())) * PER_HOUR:.1g}")
+    says += f"If this sensor may have it, say so: log.bias_limit_deg_per_h={enough:g}"
+    if rest.unsteady > 0.5 * bias:
+        says += "; if it moved meanwhile, cut the log to where it rests"
+    elif named:
+        says += f"; in {' or '.join(named)} Earth's rate would be there, along the vertical, too"
+    elif bias * PER_HOUR > 1e5:
+        says += "; no unit makes sense of it: is it at rest, and its scale right?"
+    return Finding("bias", *config.refuses_above, "deg/h", says)
+
+
+def _odds_of_units(rest: Resting, stated: str, rate_hz: float) -> dict[str, float]:
+    """How much better than the stated unit each other explains the mean rate, before anything is
+    known of the bias but that every order of magnitude is as probable as every other.
+
+    The density of a mean w is then about |w - e|^-3, averaged over Earth's rates e of all headings
+    and cut off at the noise; another unit makes w to c w and the density c^3 times that at c w.
+    """
+
+    def density(c: float) -> float:
+        earth = _possible(rest.force, rest.latitude, _ANGLES)
+        floor = (0.005 * EARTH_RATE) ** 2 + float(np.sum((c * rest.noise) ** 2))
+        square = np.sum((c * rest.rate - earth) ** 2, axis=1) + floor
+        return c**3 * float(np.mean(square**-1.5))
+
+    own = _rate_factor(stated, rate_hz)
+    least = density(1.0)
+    odds = {}
+    for unit in (*RATE_UNITS, *ANGLE_UNITS):
+        c = _rate_factor(unit, rate_hz) / own
+        _, off = residual(c * rest.rate, rest.force, rest.latitude, np.ones(3))
+        fits = float(np.linalg.norm(off)) <= max(rest.limit, 5 * c * float(rest.noise.max()))
+        if unit != stated and fits:
+            same_kind = (unit in RATE_UNITS) == (stated in RATE_UNITS)
+            odds[unit] = density(c) / least * (1.0 if same_kind else _OTHER_KIND)
+    return odds
+
+
+def _rate_factor(unit: str, rate_hz: float) -> float:
+    return RATE_UNITS[unit] if unit in RATE_UNITS else ANGLE_UNITS[unit] * rate_hz
+
+
+def _force_factor(unit: str, rate_hz: float) -> float:
+    return FORCE_UNITS[unit] if unit in FORCE_UNITS else VELOCITY_UNITS[unit] * rate_hz

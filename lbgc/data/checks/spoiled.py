@@ -1,0 +1,187 @@
+"""What happened to a log's samples on their way into the file: channels that stay, spikes, values
+that stand for none, stretches pasted twice."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.data.checks.findings import Finding
+from lbgc.data.checks.pasted import pasted
+from lbgc.data.checks.printed import Channel, listed
+from lbgc.data.record import Record
+
+_FEWEST = 200
+_SPIKE, _LOCAL = 8.0, 2.5
+"""A spike's size in sigma of the channel, and in the range of its eight neighbours."""
+_NEIGHBOURS = np.array([-5, -4, -3, -2, 2, 3, 4, 5])
+_MOST_CANDIDATES = 20_000
+_ALONE = 50.0
+"""Sigma between a value that stands for none and all others."""
+_OF_NOISE, _OF_MEAN = 0.05, 0.5
+"""Share of the noise's variance, or of the mean's sigma, at which spikes are no longer harmless."""
+_LONGEST_PERSISTENCE = 0.9
+
+
+def stuck_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
+    """Channels that print one value throughout, or for longer than their noise allows."""
+    if len(record.gyro) < _FEWEST:
+        return None
+    whole = [c for c in every if _is_dead(c, every)]
+    if whole:
+        says = f"{listed([c.name for c in whole])} never changes while others do: a dead channel, "
+        says += "or a wrong column"
+        name = f"{record.name}: {whole[0].name}"
+        return Finding("stuck", name, whole[0].shown(whole[0].values[0]), "", says)
+    runs = [(c, *_longest_stay(c)) for c in every]
+    stuck = [(c, start, length) for c, start, length in runs if length]
+    if not stuck:
+        return None
+    channel, start, length = max(stuck, key=lambda run: run[2])
+    begin, end = start / record.rate_hz, (start + length) / record.rate_hz
+    says = f"{listed([c.name for c, *_ in stuck])} stays at one value, {channel.name} from "
+    says += f"{begin:.5g} to {end:.5g} s, longer than its noise allows; cut the log there"
+    value = channel.shown(channel.values[start])
+    return Finding("stuck", f"{record.name}: {channel.name}", value, "", says)
+
+
+def _is_dead(channel: Channel, every: Sequence[Channel]) -> bool:
+    """Whether a channel is constant and no coarse counts of its triad's are why: then its two
+    siblings would hardly change either."""
+    if len(channel.distinct[0]) > 1:
+        return False
+    triad = channel.name.split()[0]
+    siblings = [c for c in every if c.name.startswith(triad) and c is not channel]
+    return any(len(c.distinct[0]) > 1 and not _hardly_changes(c) for c in siblings)
+
+
+def _hardly_changes(channel: Channel) -> bool:
+    return len(channel.distinct[0]) <= 4 or channel.is_coarse
+
+
+def _longest_stay(channel: Channel) -> tuple[int, int]:
+    """Where the longest run of one value starts and how many samples it has; 0 samples where
+    chance may have made it. Elsewhere a value is followed by the same with a probability q, and
+    once it has, with p: a run of L samples comes by chance max(p, q)^(L - 1) n times."""
+    same = channel.same
+    edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(np.int8)))
+    starts, ends = edges[::2], edges[1::2]
+    if len(starts) == 0:
+        return 0, 0
+    longest = int((ends - starts).argmax())
+    start, length = int(starts[longest]), int(ends[longest] - starts[longest]) + 1
+    rest = np.r_[same[:start], same[start + length - 1 :]]
+    if len(rest) < _FEWEST / 2:
+        return 0, 0
+    equal = float(rest.mean())
+    again = float((rest[1:] & rest[:-1]).sum() / max(rest[:-1].sum(), 1))
+    persistence = max(equal, again, 0.05)
+    if persistence > _LONGEST_PERSISTENCE:
+        return 0, 0
+    enough = 1 + (np.log(len(same)) + 20) / -np.log(persistence)
+    return (start, length) if length > max(10, 1.5 * enough) else (0, 0)
+
+
+@dataclass(frozen=True)
+class _Spikes:
+    channel: Channel
+    rows: np.ndarray
+    away: np.ndarray
+    """SI, how far from its neighbours each is."""
+
+    @property
+    def share_of_noise(self) -> float:
+        n = len(self.channel.values)
+        noise = max(self.channel.noise, self.channel.count / 4)
+        return float(np.sum((self.away / noise) ** 2)) / n if noise > 0 else np.inf
+
+    @property
+    def shift(self) -> float:
+        """Shift of the channel's mean by the spikes, in its sigma by the noise from sample to
+        sample."""
+        n = len(self.channel.values)
+        noise = max(self.channel.noise, self.channel.count / 4) / np.sqrt(n)
+        return abs(float(np.sum(self.away))) / n / noise if noise > 0 else np.inf
+
+
+def outliers_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
+    """Single samples far from their neighbours, and values that stand for none (-999, 0, 32767)."""
+    if len(record.gyro) < _FEWEST:
+        return None
+    found = [spikes for c in every if len((spikes := _spikes(c)).rows)]
+    if not found:
+        return None
+    worst = max(found, key=lambda s: s.share_of_noise)
+    row = int(worst.rows[np.abs(worst.away).argmax()])
+    channel = worst.channel
+    total = sum(len(s.rows) for s in found)
+    says = f"{total} samples of {listed([s.channel.name for s in found])} are far from their "
+    says += f"neighbours, the farthest in row {row} ({row / record.rate_hz:.5g} s)"
+    alike = int(np.sum(channel.values[worst.rows] == channel.values[row]))
+    if alike > 2:
+        says += f"; {alike} are exactly this: it may stand for a missing one"
+    refuses = any(s.share_of_noise > _OF_NOISE or s.shift > _OF_MEAN for s in found)
+    says += "; take them out" if refuses else "; too few to matter"
+    name = f"{record.name}: {channel.name}"
+    return Finding("outliers", name, channel.shown(channel.values[row]), "", says, refuses)
+
+
+def _spikes(channel: Channel) -> _Spikes:
+    x = channel.values
+    none = _Spikes(channel, np.empty(0, int), np.empty(0))
+    sentinel = _apart(channel)
+    centre = float(np.median(x))
+    if len(sentinel):
+        return _Spikes(channel, sentinel, x[sentinel] - centre)
+    bend = np.zeros(len(x))
+    bend[3:-3] = x[3:-3] - (x[:-6] + x[6:]) / 2
+    bend[:3], bend[-3:] = x[:3] - x[3:6], x[-3:] - x[-6:-3]
+    sigma = float(np.median(np.abs(bend))) / 0.6745 / np.sqrt(1.5)
+    if len(channel.distinct[0]) < 2:
+        return none
+    if channel.is_counted:
+        sigma = max(sigma, channel.count)
+    sigma = max(sigma, channel.noise)
+    if sigma == 0:
+        return none
+    rows = np.flatnonzero(np.abs(bend) > _SPIKE * sigma)
+    if len(rows) == 0 or len(rows) > _MOST_CANDIDATES:
+        return none
+    near = np.clip(rows[:, None] + _NEIGHBOURS, 0, len(x) - 1)
+    beside = x[near]
+    away = x[rows] - np.median(beside, axis=1)
+    far = (np.abs(away) > _SPIKE * sigma) & (np.abs(away) > _LOCAL * np.ptp(beside, axis=1))
+    return _Spikes(channel, rows[far], away[far])
+
+
+def _apart(channel: Channel) -> np.ndarray:
+    """Rows of a smallest or largest value that is printed several times and lies far from all."""
+    values, counts = channel.distinct
+    if len(values) < 3 or channel.is_coarse:
+        return np.empty(0, int)
+    rows = []
+    for end, gap, inner in (
+        (0, values[1] - values[0], values[-1] - values[1]),
+        (-1, values[-1] - values[-2], values[-2] - values[0]),
+    ):
+        far = gap > max(_ALONE * channel.noise, 2 * inner, 4 * channel.count)
+        if far and 1 < counts[end] < len(channel.values) / 2:
+            rows.append(np.flatnonzero(channel.values == values[end]))
+    return np.concatenate(rows) if rows else np.empty(0, int)
+
+
+def pasted_finding(record: Record) -> Finding | None:
+    """Stretches of all six channels that stand in the recording twice."""
+    if len(record.gyro) < _FEWEST:
+        return None
+    found = pasted(np.hstack([record.gyro, record.accel]))
+    if not found:
+        return None
+    rows = sum(stretch.rows for stretch in found)
+    said = []
+    for one in found[:3]:
+        a, b, length = (k / record.rate_hz for k in (one.first, one.again, one.rows))
+        said.append(f"{length:.4g} s from {a:.5g} s stand again from {b:.5g} s")
+    says = "; ".join(said) + (f"; and {len(found) - 3} more" if len(found) > 3 else "")
+    says += ", to the last digit in all six channels: samples that were never measured"
+    return Finding("pasted", f"{record.name}: rows that stand twice", rows, "", says)

@@ -1,0 +1,1 @@
+"""From a file that nobody prepared to columns, units and an even clock."""

@@ -1,0 +1,172 @@
+"""Which of a sheet's columns are the gyros, the accelerometers and the time, and in which units."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lbgc.data.logconfig import ACCEL_UNITS, DEFAULT_ACCEL, DEFAULT_GYRO, GYRO_UNITS, LogConfig
+from lbgc.data.readers.clock import TIME_UNITS
+from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
+from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.errors import InputError, require
+
+NONE = "none"
+"""The time column that is not to be used."""
+
+
+@dataclass(frozen=True)
+class Picked:
+    """The columns that are read, by position."""
+
+    gyro: tuple[int, ...]
+    accel: tuple[int, ...]
+    time: tuple[int, ...]
+    """One, or whole seconds and nanoseconds; empty where there is none."""
+    gyro_unit: str | None
+    """Unit that the columns' names say, or the row beneath them; None where they do not."""
+    accel_unit: str | None
+    time_unit: str | None
+    time_is_said: bool
+    """Whether the user named the time's column."""
+    time_name: str = ""
+
+
+def picked(sheet: Sheet, config: LogConfig) -> Picked:
+    """The columns to read, by the names or positions that the configuration gives, or else by what
+    names say. Raises InputError."""
+    says = [described(name, _unit_below(sheet, at)) for at, name in enumerate(sheet.names)]
+    six = _six(sheet, config, says)
+    time = _time(sheet, config, says)
+    by_name = [
+        None if _is_position(given) else says[at]
+        for given, at in zip(_given(config, sheet), six, strict=True)
+    ]
+    return Picked(
+        tuple(six[:3]),
+        tuple(six[3:]),
+        time,
+        _common_unit(by_name[:3], GYRO_UNITS),
+        _common_unit(by_name[3:], ACCEL_UNITS),
+        None if len(time) != 1 or says[time[0]].unit not in TIME_UNITS else says[time[0]].unit,
+        config.time_column is not None,
+        " and ".join(shown(sheet.names[at]) or f"number {at + 1}" for at in time),
+    )
+
+
+def named(sheet: Sheet, key: str, names: Sequence[object]) -> list[int]:
+    """Positions (from zero) of columns by name, or by position counted from one. Raises InputError
+    where one is missing or stands there twice."""
+    return [_position(sheet, key, name) for name in names]
+
+
+def _position(sheet: Sheet, key: str, name: object) -> int:
+    found = [at for at, own in enumerate(sheet.names) if own == name]
+    if not found:
+        found = [at for at, own in enumerate(sheet.names) if _bare(own) == name]
+    if len(found) == 1:
+        return found[0]
+    require(not found, key, shown(name), f"stands in {sheet.file} twice; give its position")
+    if _is_position(name):
+        at = int(str(name))
+        about = f"must be from 1 to {sheet.width}, the columns of {sheet.file}"
+        require(1 <= at <= sheet.width, key, name, about)
+        return at - 1
+    raise InputError(key, shown(name), "", f"is no column of {sheet.file}; {_has(sheet)}")
+
+
+def _bare(name: str) -> str:
+    """A name without a unit in brackets."""
+    for bracket in "([":
+        name = name.split(bracket)[0] or name
+    return name.strip()
+
+
+def _is_position(name: object) -> bool:
+    return isinstance(name, int) or (isinstance(name, str) and name.isdigit())
+
+
+def _has(sheet: Sheet) -> str:
+    if not sheet.has_header:
+        return f"it has no header, and {sheet.width} columns: {_by_position(sheet)}"
+    names = [shown(name) if name else "(unnamed)" for name in sheet.names[:40]]
+    more = f" and {sheet.width - 40} more" if sheet.width > 40 else ""
+    return f"it has {', '.join(names)}{more}: give log.columns, six of them: gyro, accelerometer"
+
+
+def _by_position(sheet: Sheet) -> str:
+    first = 2 if sheet.width > 6 else 1
+    example = ",".join(str(at) for at in range(first, first + 6))
+    time = " log.time_column=1" if first == 2 else ""
+    return (
+        f"say which are gyro x, y, z and accelerometer x, y, z, counted from 1, such as "
+        f"log.columns=[{example}]{time}"
+    )
+
+
+def _unit_below(sheet: Sheet, at: int) -> str:
+    return sheet.units[at] if at < len(sheet.units) else ""
+
+
+def _given(config: LogConfig, sheet: Sheet) -> list[Any]:
+    if config.columns is not None:
+        return list(config.columns)
+    return [*config.gyro_columns, *config.accel_columns]
+
+
+def _six(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> list[int]:
+    if config.columns is not None:
+        return named(sheet, "log.columns", config.columns)
+    six = []
+    for kind, names, usual in (
+        ("gyro", config.gyro_columns, DEFAULT_GYRO),
+        ("accel", config.accel_columns, DEFAULT_ACCEL),
+    ):
+        key = f"log.{kind}_columns"
+        if list(names) == list(usual) and not set(usual) & set(sheet.names):
+            six += [_described(sheet, key, names[i], kind, "xyz"[i], says) for i in range(3)]
+        else:
+            six += named(sheet, key, names)
+    return six
+
+
+def _described(
+    sheet: Sheet, key: str, name: str, kind: str, axis: str, says: Sequence[Described]
+) -> int:
+    found = [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise InputError(key, name, "", f"is no column of {sheet.file}; {_has(sheet)}")
+    which = ", ".join(shown(sheet.names[at]) for at in found)
+    raise InputError(
+        key, name, "", f"is no column of {sheet.file}, and {which} could each be the {kind}'s "
+        f"{axis}: give log.columns, six of them: gyro, accelerometer"
+    )  # fmt: skip
+
+
+def _time(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> tuple[int, ...]:
+    given = config.time_column
+    if given == NONE:
+        return ()
+    if given is not None:
+        names = given if isinstance(given, list) else [given]
+        return tuple(named(sheet, "log.time_column", names))
+    pair = seconds_and_nanoseconds(sheet.names)
+    if pair is not None:
+        return pair
+    found = [at for at, own in enumerate(says) if own.kind == "time"]
+    with_unit = [at for at in found if says[at].unit is not None]
+    if len(found) > 1 and len(with_unit) == 1:
+        found = with_unit
+    if len(found) > 1 and config.rate_hz is None:
+        which = " or ".join(shown(sheet.names[at]) for at in found)
+        about = f"must be given: {sheet.file} has several; give log.time_column={which}"
+        raise InputError("log.time_column", None, "", about)
+    return tuple(found) if len(found) == 1 else ()
+
+
+def _common_unit(
+    says: Sequence[Described | None], units: Sequence[str] | dict[str, Any]
+) -> str | None:
+    found = {own.unit for own in says if own is not None and own.unit in units}
+    return found.pop() if len(found) == 1 and None not in says else None

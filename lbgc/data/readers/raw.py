@@ -1,0 +1,228 @@
+"""What log files say, as they print it: three readers, one answer."""
+
+import os
+import re
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from lbgc.data.logconfig import LogConfig
+from lbgc.data.readers.clock import Said
+from lbgc.data.readers.picked import Picked, named, picked
+from lbgc.data.readers.sheets import Sheet, sheet, shown
+from lbgc.data.readers.timing import stamps_of
+from lbgc.errors import InputError, reading, require
+
+_NONSENSE = 1e30
+_MS, _G, _SCALES = (1e-3, 1e6), (1.0, 100.0), (1e-9, 1e9)
+"""Bounds of a PSINS header's interval (ms), g (m/s^2), and arcsec or ug s a count."""
+_HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
+
+
+@dataclass(frozen=True)
+class Raw:
+    """What a file says: the sensor's own axes, in the configuration's units."""
+
+    name: str
+    gyro: np.ndarray
+    """(T, 3), as printed"""
+    accel: np.ndarray
+    """(T, 3), as printed"""
+    config: LogConfig
+    """The configuration, with what the file's header or name added."""
+    stamps: np.ndarray | None = None
+    """(T,), in a unit that `said` may know; int64 where exact."""
+    said: Said = field(default_factory=lambda: Said("auto"))
+    time_is_said: bool = False
+    """Whether the user named the time's column."""
+    gravity: float | None = None
+    """m/s^2: the unit g as this file means it."""
+    notes: tuple[str, ...] = ()
+
+
+def find(path: str) -> Path:
+    with reading("log.path", path):
+        places = [Path(path).expanduser()]
+        if "LBGC_REAL_LOGS" in os.environ and not places[0].is_absolute():
+            places.append(Path(os.environ["LBGC_REAL_LOGS"]) / path)
+        for place in places:
+            if place.exists():
+                return place
+    looked = " or ".join(map(str, places))
+    raise InputError(
+        "log.path",
+        path,
+        "",
+        f"is not at {looked}; give log.path=FILE, or set LBGC_REAL_LOGS to "
+        "the directory of the recordings",
+    )
+
+
+def only_file(path: Path, named: str | Path) -> Path:
+    """Return the path; raise InputError unless it is a plain file: a device or a pipe may have no
+    end."""
+    require(path.is_file(), "log.path", named, "is no file")
+    return path
+
+
+def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
+    yield _from_sheet(sheet(only_file(path, config.path)), path.stem, config)
+
+
+def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
+    """The published layout: one CSV a recording, the heading in whole degrees in its name."""
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    require(bool(files), "log.path", path, "holds no CSV files")
+    for file in files:
+        with reading("log.path", file):
+            within = file == path or file.resolve().parent == path.resolve()
+        require(within, "log.path", file, "is a link that leads out of the directory")
+        found = _HEADING_IN_NAME.search(file.stem)
+        heading = config.heading_deg
+        if heading is None and found:
+            heading = float(found[1])
+        own = sheet(only_file(file, file))
+        yield _from_sheet(own, file.name, replace(config, heading_deg=heading))
+
+
+def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
+    which = picked(own, config)
+    values, notes = own.columns([*which.gyro, *which.accel, *which.time])
+    key = "log.columns" if config.columns is not None else None
+    six = [
+        _numbers(own, key or f"log.{kind}_columns", at, column)
+        for kind, at, column in zip(
+            ["gyro"] * 3 + ["accel"] * 3, [*which.gyro, *which.accel], values[:6], strict=True
+        )
+    ]
+    config = _with_units(which, config, name)
+    if not which.time and config.rate_hz is None and own.rate_hz is not None:
+        notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
+        config = replace(config, rate_hz=own.rate_hz)
+    gyro, accel = np.stack(six[:3], axis=1), np.stack(six[3:], axis=1)
+    raw = Raw(name, gyro, accel, config, notes=tuple(notes))
+    if not which.time:
+        return raw
+    times = values[6:]
+    try:
+        stamps = stamps_of(which.time_name, times)
+    except InputError as error:
+        if which.time_is_said or config.rate_hz is None:
+            raise
+        return replace(raw, notes=(*notes, f"time: not used, since {error.value} {error.choices}"))
+    exact = len(times) == 2 or times[0].dtype.kind in "mMO"
+    require_finite(name, np.asarray(stamps, float)[:, None], ["time"])
+    said = Said(
+        "auto" if times[0].dtype.kind in "mMO" else config.time_unit,
+        "ns" if exact else which.time_unit,
+        config.rate_hz or own.rate_hz,
+        float(stamps[0]),
+    )
+    return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)
+
+
+def _numbers(own: Sheet, key: str, at: int, values: np.ndarray) -> np.ndarray:
+    """A column as float64. Raises InputError where it holds something else."""
+    if values.dtype.kind in "fi":
+        return values.astype(np.float64)
+    held = "dates" if values.dtype.kind in "mM" else "string"
+    name = shown(own.names[at]) or at + 1
+    raise InputError(key, name, "", f"of {own.file} holds {held}, not numbers")
+
+
+def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
+    """Units that the columns' names say, where the user left them to it. Raises InputError where
+    the two contradict one another."""
+    units = {"gyro_unit": config.gyro_unit, "accel_unit": config.accel_unit}
+    for key, says, scale in (
+        ("gyro_unit", which.gyro_unit, config.gyro_scale),
+        ("accel_unit", which.accel_unit, config.accel_scale),
+    ):
+        given = units[key]
+        if given == "auto":
+            fallback = "deg/s" if key == "gyro_unit" else "auto"
+            units[key] = says or fallback
+        elif says is not None and says != given and scale == 1:
+            raise InputError(
+                f"log.{key}", given, "", f"but {name}'s columns say {says}: log.{key}={says} goes "
+                "by them, log.columns=[...] by position takes no notice of them"
+            )  # fmt: skip
+    return replace(config, gyro_unit=units["gyro_unit"], accel_unit=units["accel_unit"])
+
+
+def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
+    """These columns of a text or Parquet file, and those of the optional ones that it has: finite
+    float (rows, columns). Raises InputError."""
+    own = sheet(only_file(find(path), path), "file")
+    which = [*names, *(name for name in optional if name in own.names)]
+    places = named(own, "columns", which)
+    values, _ = own.columns(places)
+    numbers = [_numbers(own, "columns", at, v) for at, v in zip(places, values, strict=True)]
+    rows = np.stack(numbers, axis=1)
+    require_finite(own.file, rows, which)
+    return rows
+
+
+def _psins(path: Path, config: LogConfig) -> Iterator[Raw]:
+    """PSINS: comments, three header rows of six, then integer increments.
+
+    Rows: attitude (deg; yaw counter-clockwise) and velocity; latitude, longitude (deg), height,
+    t0, interval (ms), g (m/s^2); arcsec and ug s a count, an axis.
+    """
+    # Opened here: given a path, NumPy unpacks what it ends in.
+    with (
+        reading("log.path", path, "is no PSINS file"),
+        only_file(path, path).open() as file,
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("error")  # that there is nothing in it
+        rows = np.loadtxt(file, comments="%", ndmin=2)
+    require(
+        rows.shape[0] > 3 and rows.shape[1] == 6,
+        "log.path",
+        path,
+        "is no PSINS file: it "
+        f"must have three header rows and then data, six numbers each, not {rows.shape}",
+    )
+    require_finite(path.name, rows, [f"number {column} of six" for column in range(1, 7)])
+    attitude, place, scales = rows[:3]
+    good = _MS[0] <= place[4] <= _MS[1] and _G[0] <= place[5] <= _G[1]
+    good = good and bool(((scales >= _SCALES[0]) & (scales <= _SCALES[1])).all())
+    require(good, "log.path", path, "has a header without interval, g or scale factors")
+    config = replace(
+        config,
+        gyro_unit="arcsec",
+        accel_unit="ug*s",
+        rate_hz=config.rate_hz if config.rate_hz is not None else 1e3 / float(place[4]),
+        latitude=config.latitude if config.latitude is not None else place[0],
+        heading_deg=config.heading_deg if config.heading_deg is not None else -attitude[2],
+    )
+    counts = rows[3:]
+    yield Raw(
+        path.name,
+        counts[:, :3] * scales[:3],
+        counts[:, 3:] * scales[3:],
+        config,
+        gravity=float(place[5]),
+    )
+
+
+READERS: dict[str, Callable[[Path, LogConfig], Iterator[Raw]]] = {
+    "table": _table,
+    "recordings": _recordings,
+    "psins": _psins,
+}
+
+
+def require_finite(name: str, values: np.ndarray, columns: Sequence[str]) -> None:
+    """values : (rows, columns). So large ones are refused that no sum of them can overflow."""
+    bad = np.argwhere(~(np.abs(values) < _NONSENSE))
+    if len(bad):
+        row, column = bad[0]
+        value = values[row, column]
+        what = "is more than anything measures" if np.isfinite(value) else "is not a number"
+        where = f"{name}: {columns[column]} in row {row}"
+        raise InputError(where, value, "", f"{what} ({len(bad)} such values)")

@@ -1,0 +1,102 @@
+"""What is done about rows that are printed more than once."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lbgc.data.readers.held import FEWEST_CHANGES, Holds, dropped, holds, taken
+from lbgc.data.readers.raw import Raw
+from lbgc.errors import InputError
+
+_MOST_ROWS = 200
+"""Most rows that are averaged where columns are held for different numbers of rows."""
+_ALWAYS = 0.99
+"""Share of repeated stamps whose rows repeat too, for these to be no samples."""
+
+
+def without_printed_twice(raw: Raw) -> Raw:
+    """The log less rows that are, their time stamps included, the ones before them; with a note."""
+    if raw.stamps is None or raw.config.repeats == "keep":
+        return raw
+    again = raw.stamps[1:] == raw.stamps[:-1]
+    same = again & (raw.gyro[1:] == raw.gyro[:-1]).all(1) & (raw.accel[1:] == raw.accel[:-1]).all(1)
+    if not same.any() or same.sum() < _ALWAYS * again.sum():
+        return raw
+    kept = np.concatenate([[True], ~same])
+    if kept.sum() < FEWEST_CHANGES:
+        return raw
+    note = f"printed twice: {same.sum()} rows of {raw.name}, time and all, were left out"
+    return replace(
+        raw, gyro=raw.gyro[kept], accel=raw.accel[kept], stamps=raw.stamps[kept],
+        notes=(*raw.notes, note),
+    )  # fmt: skip
+
+
+def sampled(
+    name: str, rows: np.ndarray, rate_hz: float, repeats: str
+) -> tuple[np.ndarray, float, list[str]]:
+    """The sensor's own samples (N, 6) behind rows (T, 6), their rate, and what was done.
+
+    repeats : auto, drop or keep. Raises InputError where rows are held irregularly and nothing was
+    said of it.
+    """
+    if repeats == "keep":
+        return rows, rate_hz, []
+    found = holds(rows)
+    if found.times > _MOST_ROWS and len(set(found.columns)) > 1:
+        about = f"of {name}: {_held(found)}; log each at its own rate, or log.repeats=keep"
+        raise InputError("log.repeats", "columns", "", about)
+    if found.times > 1 and not found.irregular:
+        values = taken(rows, found)
+        rate = rate_hz * _samples_a_row(len(values), len(rows), found.times)
+        note = (
+            f"held samples: {name}, where {_held(found)}, was read at {rate:.6g} Hz, the rate "
+            f"of its samples, not at the log's {rate_hz:.6g} Hz"
+        )
+        return values, rate, [note]
+    if found.irregular and (repeats == "auto" or not found.can_drop):
+        _refuse(name, found)
+    if repeats == "auto" or not found.can_drop:
+        return rows, rate_hz, []
+    kept = dropped(rows)
+    rate = rate_hz * kept.sum() / len(kept)
+    note = (
+        f"held samples: {len(kept) - kept.sum()} rows of {name} like the one before were left out "
+        f"(log.repeats=drop), and its {kept.sum()} samples taken as even, at {rate:.6g} Hz"
+    )
+    return rows[kept], rate, [note]
+
+
+def _samples_a_row(samples: int, rows: int, times: int) -> float:
+    """One in so many, or fewer where some are held for a row more; not more where rows are lost."""
+    fewer = samples * times < rows - 2 * times
+    return samples / rows if fewer else 1 / times
+
+
+def _held(found: Holds) -> str:
+    own = sorted(set(found.columns))
+    if len(own) == 1:
+        return f"each row is printed {own[0]} times"
+    gyro, accel = (
+        " and ".join(map(str, sorted(set(part)))) for part in (found.columns[:3], found.columns[3:])
+    )
+    return f"the gyros' values hold for {gyro} rows, the accelerometers' for {accel}"
+
+
+def _refuse(name: str, found: Holds) -> None:
+    gyro, accel = found.gyro_share, found.accel_share
+    about = (
+        f"of {name} repeat the values of the row before (gyros {gyro:.0%}, accelerometers "
+        f"{accel:.0%}), more than chance makes them and not regularly: the logger is faster than "
+        "the sensor, and the noise would look stronger than it is"
+    )
+    advice = (
+        "log.repeats=drop leaves them out"
+        if found.can_drop
+        else "gyros and accelerometers have rates of their own, or counts too coarse to tell a "
+        "repeat from a sample: log each sample once"
+    )
+    raise InputError(
+        "log.repeats", f"{max(gyro, accel):.0%} of the rows", "",
+        f"{about}; {advice}, log.repeats=keep reads each row as a sample",
+    )  # fmt: skip

@@ -1,0 +1,175 @@
+"""When a log's rows were sampled: its rate, its pieces, and what is said of both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from lbgc.data.readers.clock import TIME_UNITS, Said, since_first, unit_of_time
+from lbgc.data.readers.dates import nanoseconds
+from lbgc.data.readers.instants import Hole, Instants, instants
+from lbgc.errors import InputError, require
+
+_SHORT = 10
+"""Samples that may be missing at a place, and the share of all, for a log to be read on."""
+_FEW = 0.01
+_SHARE = 0.1
+"""Share of the longest piece that a piece must last to be a recording of its own."""
+_AGREE = 0.01
+_SCATTER = 0.1
+"""Share of a step: stamps that scatter by more are told of."""
+
+
+@dataclass(frozen=True)
+class EvenPieces:
+    """Evenly sampled pieces of a log."""
+
+    rate_hz: float
+    pieces: tuple[slice, ...]
+    notes: tuple[str, ...] = ()
+
+
+def stamps_of(name: str, columns: Sequence[np.ndarray]) -> np.ndarray:
+    """One column of stamps, or whole seconds and nanoseconds, as one array: int64 where it is
+    exact, float64 else; dates in nanoseconds. Raises InputError for text that is no date."""
+    if len(columns) == 2:
+        seconds, rest = columns
+        exact = all(np.all(np.mod(np.asarray(c, float), 1) == 0) for c in columns)
+        require(exact, "log.time_column", name, "must hold whole seconds and whole nanoseconds")
+        return seconds.astype(np.int64) * 10**9 + rest.astype(np.int64)
+    (stamps,) = columns
+    if stamps.dtype == object:
+        written = nanoseconds(stamps)
+        if written is not None:
+            return written
+        raise InputError(
+            "log.time_column", name, "", "holds text that is no date (such as "
+            "2026-11-26T12:00:00.010) and no number; give log.rate_hz, and log.time_column=none"
+        )  # fmt: skip
+    if stamps.dtype.kind in "mM":
+        require(not np.isnat(stamps).any(), "log.time_column", name, "lacks some dates")
+        return stamps.astype(np.int64)
+    return stamps
+
+
+def timing(
+    name: str, stamps: np.ndarray, said: Said, stated_hz: float | None, gaps: str
+) -> EvenPieces:
+    """The rate and pieces of rows with these stamps, (T,), T > 1.
+
+    stated_hz : what the user says the rate is; gaps : refuse, join, longest or split. Raises
+    InputError where the clock makes no sense.
+    """
+    relative, wraps = since_first(stamps)
+    found = instants(relative)
+    if not found.step > 0:
+        raise InputError(
+            f"{name}: time", f"{len(stamps)} rows", "",
+            "take no time; give log.rate_hz, and log.time_column=none"
+            if np.ptp(relative) == 0 else "do not increase"
+        )  # fmt: skip
+    span = len(stamps) * found.step
+    unit, note = unit_of_time(name, found.step, span, said)
+    notes = [] if note is None else [note]
+    if wraps:
+        notes.append(f"counter: {name}'s time column began again {wraps} times, and was carried on")
+    seconds = TIME_UNITS[unit]
+    rate = 1 / (found.step * seconds)
+    pieces, more = _pieces(name, relative * seconds, found, rate, gaps)
+    notes += more + _of_stamps(name, found, rate)
+    if stated_hz is None:
+        return EvenPieces(rate, pieces, tuple(notes))
+    agrees = abs(rate / stated_hz - 1) < _AGREE
+    about = f"but {name}'s time says {rate:.5g} Hz; log.time_column=none takes no notice of it"
+    require(agrees, "log.rate_hz", stated_hz, about)
+    return EvenPieces(stated_hz, pieces, tuple(notes))
+
+
+def _of_stamps(name: str, found: Instants, rate: float) -> list[str]:
+    notes = []
+    if found.repeated:
+        notes.append(
+            f"repeated stamps: {found.repeated} of {name}'s stand there again, with new samples: "
+            f"these were taken as evenly spaced, at {rate:.6g} Hz"
+        )
+    if found.scatter > _SCATTER:
+        notes.append(
+            f"jitter: {name}'s time stamps scatter by {found.scatter / rate * 1e3:.2g} ms about an "
+            f"even clock of {rate:.6g} Hz: its samples were taken as evenly spaced"
+        )
+    return notes
+
+
+def _pieces(
+    name: str, seconds: np.ndarray, found: Instants, rate: float, gaps: str
+) -> tuple[tuple[slice, ...], list[str]]:
+    """The log's pieces, by what the user says of gaps, and notes; short holes alone are never cut
+    at."""
+    n = len(seconds)
+    long = [hole for hole in found.holes if not 0 < hole.missing <= _SHORT]
+    short = [hole for hole in found.holes if 0 < hole.missing <= _SHORT]
+    missing = sum(hole.missing for hole in short)
+    many = missing > _FEW * n
+    if gaps == "refuse" and long:
+        _refuse(name, seconds, long, rate)
+    if gaps == "refuse" and many:
+        raise InputError(
+            f"{name}: time",
+            f"{missing} of {n + missing} samples",
+            "",
+            f"are missing, in {len(short)} places: log.gaps=join reads on as if nothing were",
+        )
+    notes = []
+    if short:
+        most = max(hole.missing for hole in short)
+        notes.append(
+            f"lost samples: {missing} of {n + missing} in {name}, at most {most} in a row: it "
+            f"was read on as if its {n} samples followed one another at {rate:.6g} Hz"
+        )
+    if not long:
+        return (slice(0, n),), notes
+    if gaps == "join":
+        gone = sum(hole.missing for hole in long) / rate
+        notes.append(f"gaps: {len(long)} in {name}, {gone:.4g} s, were joined (log.gaps=join)")
+        return (slice(0, n),), notes
+    edges = [0, *(hole.row + 1 for hole in long), n]
+    every = [slice(a, b) for a, b in pairwise(edges) if b - a > 1]
+    if gaps == "longest":
+        longest = max(every, key=lambda piece: piece.stop - piece.start)
+        notes.append(
+            f"gaps: the longest of {name}'s {len(edges) - 1} pieces was read (log.gaps=longest), "
+            f"rows {longest.start} to {longest.stop - 1}"
+        )
+        return (longest,), notes
+    most = max(piece.stop - piece.start for piece in every)
+    kept = [piece for piece in every if piece.stop - piece.start >= max(rate, _SHARE * most)]
+    left_out = len(edges) - 1 - len(kept)
+    notes.append(
+        f"gaps: {name} was read in {len(kept)} pieces (log.gaps=split); {left_out} of less than a "
+        "second or a tenth of the longest were left out"
+    )
+    require(bool(kept), "log.gaps", gaps, f"leaves no piece of {name} that lasts a second")
+    return tuple(kept), notes
+
+
+def _refuse(name: str, seconds: np.ndarray, long: list[Hole], rate: float) -> None:
+    row = long[0].row
+    options = (
+        "log.gaps=longest reads the longest piece, split each as a recording, join all as if "
+        "nothing were missing"
+    )
+    if long[0].missing < 0:
+        raise InputError(
+            f"{name}: time in row {row + 1}",
+            f"{seconds[row + 1]:.9g}",
+            "s",
+            f"does not increase: {seconds[row]:.9g} s stands before it; {options}",
+        )
+    raise InputError(
+        f"{name}: time after row {row}",
+        f"{seconds[row]:.9g}",
+        "s",
+        f"a gap of {seconds[row + 1] - seconds[row]:.4g} s where samples are {1 / rate:.4g} s apart"
+        f" ({len(long)} gaps); {options}",
+    )

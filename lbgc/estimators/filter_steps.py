@@ -1,0 +1,139 @@
+"""Windows as a filter takes them: steps of some samples, over which gyros carry the body's axes and
+accelerometers push it, and in which the plate rests, turns evenly, or does neither."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.estimators.estimate import refusal
+from lbgc.estimators.plate import mean_angle, tilt_of, usable
+from lbgc.estimators.sway_noise import velocity_noise
+from lbgc.frames import rotation_matrix, rotation_z
+from lbgc.sensor.imu import ImuModel
+
+_CREEPS = np.deg2rad(0.05)
+"""rad/s: a plate on a moving base is never quite at rest to its encoder."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Windows as the filter takes them, n steps each."""
+
+    interval: float
+    turned: np.ndarray
+    """(W, n, 3, 3): from the body at a step's end to the body at its start"""
+    push: np.ndarray
+    """(W, n, 3), m/s: the integral of specific force in the body's axes at the step's start"""
+    mean_push: np.ndarray
+    """(W, n, 3), m/s: the mean within the step of that integral so far, or its end once more"""
+    mean_time: float
+    """s, likewise of the time since the step's start"""
+    rate: np.ndarray
+    """(W, n, 3), rad/s, mean"""
+    force: np.ndarray
+    """(W, n, 3), m/s^2, mean"""
+    angle: np.ndarray
+    """(W, n), rad, of the plate at the step's middle"""
+    half: np.ndarray
+    """(W, n), rad, what it turns by in half a step, if evenly"""
+    even: np.ndarray
+    """bool (W, n): the plate rests, or turns evenly on a carousel"""
+    rests: np.ndarray
+    """bool (W, n)"""
+
+
+def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: str) -> Steps:
+    """Steps of `size` samples each; what is left over at the end is cut.
+
+    moving : whether the base is taken to; name : the estimator's. Raises InputError where the
+    plate never rests or turns evenly.
+    """
+    w, n, dt = len(windows), windows.gyro.shape[1] // size, 1 / windows.rate_hz
+    cut = n * size
+    gyro, accel = (
+        np.asarray(v[:, :cut], float).reshape(w, n, size, 3) for v in (windows.gyro, windows.accel)
+    )
+    turned = np.broadcast_to(np.eye(3), (w, n, 3, 3))
+    push, total = np.zeros((w, n, 3)), np.zeros((w, n, 3))
+    for k in range(size):
+        force = accel[:, :, k] + np.cross(gyro[:, :, k] * dt, accel[:, :, k]) / 2
+        push += np.einsum("wnij,wnj->wni", turned, force) * dt
+        total += push
+        turned = turned @ rotation_matrix(gyro[:, :, k] * dt)
+    angle = mean_angle(windows.plate_angle, windows.rate_hz, imu.dt)
+    angle = angle[:, :cut].reshape(w, n, size).mean(axis=2)
+    even, rests = np.zeros((w, n), bool), np.zeros((w, n), bool)
+    for row in range(w):
+        if moving:
+            even[row] = _even(angle[row], size * dt)
+            continue
+        even[row], resting = usable(angle[row].round(9))
+        rests[row] = even[row] & resting
+    if not even.any(axis=1).all():
+        raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
+    half = np.gradient(angle, axis=1) / 2 if n > 1 else np.zeros((w, 1))
+    half[rests] = 0.0
+    means = gyro.mean(axis=2), accel.mean(axis=2)
+    # counts and fast sways scatter a velocity's samples far more than their mean
+    mean_push, mean_time = (total / size, (size + 1) / 2 * dt) if moving else (push, size * dt)
+    return Steps(size * dt, turned, push, mean_push, mean_time, *means, angle, half, even, rests)
+
+
+def _even(angle: np.ndarray, interval: float) -> np.ndarray:
+    """Where a plate on a moving base rests, or turns evenly if it does so most of the time."""
+    rate = np.gradient(angle, interval) if len(angle) > 1 else np.zeros(1)
+    rests = np.abs(rate) < _CREEPS
+    turns = ~rests & (np.abs(np.gradient(rate)) < _CREEPS)
+    return np.asarray(turns if turns.mean() > 0.5 else rests)
+
+
+def coarse(steps: Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The base's attitude in n', (W, 3, 3), by the mean force in its own axes; the body's at the
+    start of the first even step, (W, 3, 3); and which step that is, (W,)."""
+    row, first = np.arange(len(steps.even)), np.argmax(steps.even, axis=1)
+    base = tilt_of(steps.angle, steps.force)
+    return base, base @ rotation_z((steps.angle - steps.half)[row, first]), first
+
+
+def sway(steps: Steps, name: str) -> np.ndarray:
+    """Variance of the velocity, (W,), (m/s)^2, as ZUPT is to take it, the accelerometers' noise in
+    it: see lbgc.estimators.sway_noise."""
+    _, c_nb, first = coarse(steps)
+    w, n = steps.angle.shape
+    velocity, at = np.empty((w, n, 3)), np.zeros((w, 3))
+    for k in range(n):
+        velocity[:, k] = at + np.einsum("wij,wj->wi", c_nb, steps.mean_push[:, k])
+        at = at + np.einsum("wij,wj->wi", c_nb, steps.push[:, k])
+        c_nb = np.where((k < first)[:, None, None], c_nb, c_nb @ steps.turned[:, k])
+    noise = np.empty(w)
+    for row in range(w):
+        columns, g = _drifts(steps, row, name)
+        noise[row] = velocity_noise(velocity[row, :, :2], columns, g)
+    return noise
+
+
+def _drifts(steps: Steps, row: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """What a velocity can be, from rest to rest, without a sway: a constant, a tilt's share, a
+    rate's, and on a carousel an accelerometer's bias, (n, p); and the rates' share alone, that
+    north looks like, orthonormal, (n, p')."""
+    even = steps.even[row]
+    part = np.cumsum(np.diff(even, prepend=False) & even)
+    columns, of_rate = [], []
+    for segment in range(1, part[-1] + 1):
+        inside = even & (part == segment)
+        t = np.linspace(-1, 1, int(inside.sum()))
+        powers = np.stack([np.ones_like(t), t, t**2], axis=1)
+        if len(t) <= 3:
+            powers = np.eye(len(t))
+        every = np.zeros((len(even), powers.shape[1]))
+        every[inside] = powers
+        columns.append(every)
+        if len(t) > 3:
+            of_rate.append(np.linalg.qr(every)[0][:, 2])
+    if np.ptp(steps.angle[row][even]) > np.pi / 2 and part[-1] == 1:
+        turn = np.stack([np.cos(steps.angle[row]), np.sin(steps.angle[row])], axis=1)
+        columns.append(turn * even[:, None])
+    if not of_rate:
+        raise refusal(name, "the base", "", "moves, and the plate rests for too short a time")
+    return np.concatenate(columns, axis=1), np.stack(of_rate, axis=1)

@@ -1,0 +1,114 @@
+"""North from an IMU that a plate turns: what turns with the body is its bias, what does not, north.
+
+Each has a plain form (least squares, every block alike, biases free) and a weighted one (the same
+unknowns, weighted by the covariance of the sensor's errors). All work in both hemispheres, and on a
+base that leans by up to 10 degrees. The plain ones need no latitude for the heading, and pay for
+it: on a lean they level the vertical gyro's errors into the horizontal rates, where no turn of the
+plate tells them from north. The weighted ones know Earth's vertical rate by the latitude, and take
+each slew's mean as well, where it fits the sensor's model.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lbgc.data.windows import Windows
+from lbgc.estimators.block_means import Course, Levelled
+from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.least_squares import answer, needs_model, plain, weighted
+from lbgc.frames import wrap
+from lbgc.sensor.imu import ImuModel
+
+_SAME = np.deg2rad(1.0)
+Choose = Callable[[str, Course], np.ndarray]
+"""Which blocks of a course an estimator takes, bool (n,). Raises InputError at one that it cannot
+use; it is told its own name."""
+
+
+def two_positions(name: str, course: Course) -> np.ndarray:
+    dwells = _dwells(course)
+    if len(dwells) != 2 or abs(abs(wrap(dwells[1] - dwells[0])) - np.pi) > _SAME:
+        raise refusal(name, np.rad2deg(dwells).round(1).tolist(), "deg",
+                      "are the plate's rests; it takes two, half a turn apart")  # fmt: skip
+    return course.resting
+
+
+def positions(name: str, course: Course) -> np.ndarray:
+    dwells = _dwells(course)
+    if len(dwells) < 3:
+        raise refusal(name, np.rad2deg(dwells).round(1).tolist(), "deg",
+                      "are the plate's rests; it takes three or more")  # fmt: skip
+    return course.resting
+
+
+def turning(name: str, course: Course) -> np.ndarray:
+    travel = float(np.ptp(course.angle)) if course.angle else 0.0
+    steady = ~course.resting & ~course.slewing
+    if travel < np.pi or steady.sum() < 5:
+        about = "of plate travel; it takes half a turn or more, at a steady rate"
+        raise refusal(name, f"{np.rad2deg(travel):.3g}", "deg", about)
+    return np.asarray(steady)
+
+
+def _dwells(course: Course) -> np.ndarray:
+    """Angles at which the plate rests, in their order, rad."""
+    angles = np.array(course.angle)[course.resting]
+    if len(angles) == 0:
+        return np.asarray(angles)
+    new = np.abs(np.diff(angles, prepend=angles[0] + 1)) > _SAME
+    return np.unique(angles[new].round(3))
+
+
+def _estimator(
+    name: str,
+    choose: Choose,
+    windows: Windows,
+    imu: ImuModel | None,
+    weigh: bool,
+    checked: bool = True,
+) -> Estimate:
+    def each(part: Levelled) -> Estimate:
+        chosen = choose(name, part.course)
+        if weigh:
+            own = part.only(chosen | part.course.slewing)
+            return weighted(name, own, needs_model(name, imu), True, checked)
+        return plain(part.only(chosen), True, imu)
+
+    return answer(windows, imu, each, name)
+
+
+def two_position(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Maytagging: half the difference of the mean rates at two rests half a turn apart has no bias
+    (Prikhodko et al. 2013, "What is MEMS gyrocompassing?")."""
+    return _estimator("two_position", two_positions, windows, imu, False)
+
+
+def two_position_weighted(
+    windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
+) -> Estimate:
+    """The unknowns of `two_position`, weighted by the noise model: near blocks share their drift,
+    so those about the slew tell most."""
+    return _estimator("two_position_weighted", two_positions, windows, imu, True, checked)
+
+
+def cosine_fit(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """Amplitude, phase and bias of the rates at three or more rests (Tian et al. 2020)."""
+    return _estimator("cosine_fit", positions, windows, imu, False)
+
+
+def cosine_fit_weighted(
+    windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
+) -> Estimate:
+    return _estimator("cosine_fit_weighted", positions, windows, imu, True, checked)
+
+
+def carousel(windows: Windows, imu: ImuModel | None = None) -> Estimate:
+    """The rates' sine and cosine at the carousel's frequency, and a bias (Renkoski 2008; Johnson et
+    al. 2010). It takes whole turns or not, either way."""
+    return _estimator("carousel", turning, windows, imu, False)
+
+
+def carousel_weighted(
+    windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
+) -> Estimate:
+    return _estimator("carousel_weighted", turning, windows, imu, True, checked)

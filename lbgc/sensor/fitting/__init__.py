@@ -1,0 +1,1 @@
+"""From a resting recording to its noise: which terms, how large, and how surely."""

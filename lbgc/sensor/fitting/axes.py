@@ -1,0 +1,97 @@
+"""All axes of a recording fitted side by side, each in a process of its own."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing import get_context
+from queue import Empty
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from lbgc import cores
+from lbgc.sensor.fitting import resting_axis
+from lbgc.sensor.fitting.noise_fit import Fit
+
+Name: TypeAlias = tuple[str, int]
+"""gyro or accel, and which axis"""
+Say: TypeAlias = Callable[[Name, str], None]
+SMALL = 2_000_000
+"""Samples of all axes below which starting processes costs more than it saves."""
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_said: Any = None  # a worker's end of the queue of what is being tried
+
+
+def fitted(
+    series: Mapping[Name, np.ndarray],
+    dt: float,
+    corners: tuple[float, float],
+    processes: int | None = None,
+    say: Say = lambda name, what: None,
+) -> Iterator[tuple[Name, Fit]]:
+    """Fit each series; yields each as it is done, in any order.
+
+    series : (R, n) each, unit; dt : s; processes : how many side by side, None for one a core (and
+    none beside this one where the series are short); say(name, what) is told what is being tried.
+    No number depends on how many there are.
+    """
+    small = sum(one.size for one in series.values()) < SMALL
+    workers = processes or (1 if small else cores.count())
+    workers = min(workers, len(series))
+    if workers == 1:
+        for name, one in series.items():
+            yield name, _fit(one, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
+        return
+    context = get_context("spawn")
+    said = context.Queue()
+    with _one_thread_each(), ProcessPoolExecutor(workers, context, _start, (said,)) as pool:
+        try:
+            begun = {pool.submit(_task, n, one, dt, corners): n for n, one in series.items()}
+            yield from _finished(begun, said, say)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _finished(begun: dict[Future[Fit], Name], said: Any, say: Say) -> Iterator[tuple[Name, Fit]]:
+    left = set(begun)
+    while left:
+        done, left = wait(left, timeout=0.5, return_when=FIRST_COMPLETED)
+        try:
+            while True:
+                say(*said.get_nowait())
+        except Empty:
+            pass
+        for future in done:
+            yield begun[future], future.result()
+
+
+def _fit(
+    series: np.ndarray, dt: float, corners: tuple[float, float], say: Callable[[str], None]
+) -> Fit:
+    return resting_axis.fitted(series, dt, corners, say)
+
+
+def _task(name: Name, series: np.ndarray, dt: float, corners: tuple[float, float]) -> Fit:
+    return _fit(series, dt, corners, lambda what: _said.put((name, what)))
+
+
+def _start(said: Any) -> None:
+    global _said
+    _said = said
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes started meanwhile keep their linear algebra to one thread: side by side, threads
+    that wait for each other by spinning take the cores from those that work."""
+    before = {key: os.environ.get(key) for key in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for key, value in before.items():
+            if value is None:
+                del os.environ[key]
+            else:
+                os.environ[key] = value
