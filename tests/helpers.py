@@ -19,6 +19,7 @@ from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, cut
 from lbgc.errors import build
+from lbgc.sensor.imu import Triad
 from sim.generate import GenerateConfig
 
 ROOT = Path(__file__).parents[1]
@@ -43,6 +44,13 @@ def composed(config_class: type, name: str, *overrides: str):
 def default_config(*overrides: str) -> GenerateConfig:
     """As `python sim/generate.py` composes it."""
     return composed(GenerateConfig, "generate", *overrides)
+
+
+def figures(triad: Triad, kind: type, name: str) -> tuple[float, ...]:
+    """A parameter of a triad's term of this kind, of each axis; zero of an axis without one."""
+    every = [(*own, *started) for own, started in zip(triad.terms, triad.started, strict=True)]
+    each = [[getattr(t, name) for t in own if isinstance(t, kind)] for own in every]
+    return tuple(sum(own) for own in each)
 
 
 def generate(path: Path, **changes: object) -> Dataset:

@@ -238,7 +238,7 @@ def test_means_and_samples_are_the_same_sensor(tmp_path):
     for i in range(5):
         full = recording(config, i)
         means = recording(replace(config, output="means", mean_s=20.0), i)
-        lsb = config.imu.gyro.triad().lsb
+        lsb = config.imu.gyro.triad().counts.lsb
         for name in ("gyro_bias_run", "gyro_matrix", "heading", "heading_reference"):
             np.testing.assert_array_equal(full[name], means[name])
         difference = full["gyro"].mean(axis=0) * lsb - means["gyro"][0]
@@ -281,7 +281,7 @@ def test_a_moving_recording_carries_angle_stage_and_truth():
     # what was printed less its bias, at either rest, is Earth's rate at that heading: in-run noise
     # of 16 s means, six sigma = 3 deg/h
     bias = sum(row[f"gyro_bias_{part}"] for part in ("unit", "session", "run"))
-    lsb = config.imu.gyro.triad().lsb
+    lsb = config.imu.gyro.triad().counts.lsb
     for rest in (slice(0, 800), slice(-800, None)):
         heading = row["heading"] + angle[rest].mean()
         truth = earth_rate_ned(row["latitude"]) @ rotation_z(heading)

@@ -162,7 +162,7 @@ class Trained:
         if aside is not None:
             allowed = allowed + aside**2
         else:  # no other bias: what is left of the law is its slow noise
-            allowed = allowed + 2 * np.square(gyro.B) + np.square(gyro.K) * record.duration_s
+            allowed = allowed + gyro.slow_variance(record.duration_s)
         chis = []
         for unit in range(own["units"]):
             drawn = gyro.draw_unit(streams.unit(own["unit_seed"], unit))

@@ -3,12 +3,13 @@
 Each has the faces that a noise term has (see lbgc.sensor.noise), by its first two moments.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from lbgc.sensor.gaussian import GaussianTerm, Reduced
+from lbgc.sensor.low_pass import LowPass
 
 _TONE_BLOCK = 256
 
@@ -22,9 +23,20 @@ class Ramp:
     """
 
     cause: ClassVar[str] = "ramp"
+    drawn_as: ClassVar[str] = "ramp_sign"
+    peak: ClassVar[float] = 0.0
     processes: ClassVar[tuple[tuple[float, float], ...]] = ()
     R: float
     """unit/s"""
+
+    @staticmethod
+    def of_uniform(uniform: np.ndarray) -> np.ndarray:
+        """Signs, of numbers drawn evenly from 0 to 1, (*S) both."""
+        return np.where(uniform < 0.5, -1.0, 1.0)
+
+    def behind(self, low_pass: LowPass) -> "Ramp":
+        """The ramp as it comes out of an output filter: unchanged, as what is slow is."""
+        return self
 
     def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
         # What the mean over a window is, and how far it changes within, are about right so.
@@ -37,16 +49,18 @@ class Ramp:
 
     def sample(self, rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> np.ndarray:
         sign = rng.choice([-1.0, 1.0], shape[:-1])
-        return self.with_sign(sign, shape[-1], dt)
+        return self.at(sign, shape[-1], dt)
 
     def sample_means(
         self, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
     ) -> np.ndarray:
         return self.sample(rng, shape, dt * block)
 
-    def with_sign(self, sign: np.ndarray, n: int, dt: float, start: int = 0) -> np.ndarray:
+    def at(
+        self, sign: np.ndarray, n: int, dt: float, start: int = 0, dtype: type = np.float64
+    ) -> np.ndarray:
         """The interval means for given signs, from so many intervals after the recording's start
-        on: (*S) -> (*S, n)."""
+        on: (*S) -> (*S, n), float64 whatever dtype is asked for."""
         return np.asarray(sign)[..., None] * self.R * (np.arange(start, start + n) + 0.5) * dt
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
@@ -56,7 +70,7 @@ class Ramp:
         return self.R**2 / (2 * np.pi * np.asarray(f, dtype=float)) ** 3
 
     def covariance_of_means(self, n: int, dt: float, block: int = 1, start: int = 0) -> np.ndarray:
-        middle = self.with_sign(np.ones(()), n, dt * block, start)
+        middle = self.at(np.ones(()), n, dt * block, start)
         return np.outer(middle, middle)
 
 
@@ -70,10 +84,27 @@ class Sinusoid:
     """
 
     cause: ClassVar[str] = "tone"
+    drawn_as: ClassVar[str] = "tone_phase"
     processes: ClassVar[tuple[tuple[float, float], ...]] = ()
     amplitude: float
     f: float
     """Hz"""
+
+    @property
+    def peak(self) -> float:
+        """How far it swings from zero."""
+        return self.amplitude
+
+    @staticmethod
+    def of_uniform(uniform: np.ndarray) -> np.ndarray:
+        """Phases, rad, of numbers drawn evenly from 0 to 1, (*S) both."""
+        return np.asarray(2 * np.pi * uniform)
+
+    def behind(self, low_pass: LowPass) -> "Sinusoid":
+        """The tone as it comes out of an output filter."""
+        return replace(
+            self, amplitude=self.amplitude * float(np.sqrt(low_pass.gain_squared(self.f)))
+        )
 
     def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
         return Reduced(angle=(self.amplitude / (2 * np.pi * self.f)) ** 2 / 2)
@@ -83,17 +114,18 @@ class Sinusoid:
         return True
 
     def sample(self, rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> np.ndarray:
-        return self.at_phase(rng.uniform(0, 2 * np.pi, shape[:-1]), shape[-1], dt)
+        return self.at(rng.uniform(0, 2 * np.pi, shape[:-1]), shape[-1], dt)
 
     def sample_means(
         self, rng: np.random.Generator, shape: tuple[int, ...], dt: float, block: int
     ) -> np.ndarray:
         return self.sample(rng, shape, dt * block)
 
-    def at_phase(
-        self, phase: np.ndarray, n: int, dt: float, dtype: type = np.float64
+    def at(
+        self, phase: np.ndarray, n: int, dt: float, start: int = 0, dtype: type = np.float64
     ) -> np.ndarray:
-        """The interval means at given phases: phase (*S) in rad -> (*S, n), of this dtype.
+        """The interval means at given phases: phase (*S) in rad, at the first interval's start,
+        whichever that is -> (*S, n), of this dtype.
 
         By blocks, within which sin(a + b) = sin a cos b + cos a sin b: few sines are taken.
         """
@@ -120,8 +152,11 @@ def vibration(
     amplitude: float, hz: float, phase: np.ndarray, n: int, interval: float
 ) -> np.ndarray:
     """Interval means of a steady vibration, (*S, n), for phases (*S), rad."""
-    return Sinusoid(amplitude, hz).at_phase(phase, n, interval)
+    return Sinusoid(amplitude, hz).at(phase, n, interval)
 
 
-InRun: TypeAlias = GaussianTerm | Ramp | Sinusoid
+STARTED: tuple[type["Started"], ...] = (Sinusoid, Ramp)
+"""Kinds of which one number an axis is drawn at a recording's start, in the order of drawing."""
+Started: TypeAlias = Sinusoid | Ramp
+InRun: TypeAlias = GaussianTerm | Started
 """Whatever evolves within a recording."""

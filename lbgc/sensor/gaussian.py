@@ -26,6 +26,8 @@ from typing import ClassVar, TypeAlias
 import numpy as np
 import scipy.linalg
 
+from lbgc.sensor.low_pass import LowPass
+
 BLOCK = 128
 """Samples drawn from one factor. Changing it changes every dataset's bytes: a new schema number."""
 _GROUP = 32
@@ -117,6 +119,12 @@ class GaussianTerm:
     """What an error budget calls it"""
 
     @property
+    def density(self) -> float:
+        """The density that makes it white noise in means over long times, N^2; 0 of what is
+        none."""
+        return self.reduced(np.zeros(0), 1.0).white
+
+    @property
     def processes(self) -> tuple[tuple[float, float], ...]:
         """Variance and correlation time (s) of each first-order Gauss-Markov process that it is a
         sum of; none where it is no such sum."""
@@ -126,6 +134,10 @@ class GaussianTerm:
         """What a filter of few states makes of it in windows of this length that begin at start_s,
         (W,), s after the recording's start."""
         return Reduced()
+
+    def behind(self, low_pass: LowPass) -> "GaussianTerm":
+        """The term as it comes out of an output filter: what is slow passes unchanged."""
+        return self
 
     @property
     def is_stationary(self) -> bool:

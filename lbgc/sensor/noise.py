@@ -19,9 +19,7 @@ from lbgc.sensor.exponential import (
     gauss_markov_psd,
 )
 from lbgc.sensor.gaussian import GaussianTerm, MeansModel, Reduced, sde_means_model
-
-BUTTERWORTH = float(np.sqrt(0.5))
-"""Damping of a maximally flat second-order low-pass."""
+from lbgc.sensor.low_pass import BUTTERWORTH, LowPass
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,9 @@ class White(GaussianTerm):
     cause: ClassVar[str] = "white noise"
     N: float
     """unit/sqrt(Hz), two-sided: rad/sqrt(s) for a gyro."""
+
+    def behind(self, low_pass: LowPass) -> "BandLimited":
+        return BandLimited(self.N, low_pass.bandwidth, low_pass.damping)
 
     def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
         return Reduced(white=self.N**2)
@@ -275,10 +276,6 @@ class BandLimited(GaussianTerm):
     def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
         return Reduced(white=self.N**2)
 
-    def gain_squared(self, f: np.ndarray | float) -> np.ndarray:
-        x = np.asarray(f, dtype=float) / self.bandwidth
-        return 1 / ((1 - x**2) ** 2 + (2 * self.damping * x) ** 2)
-
     def _variance(self) -> float:
         return self.N**2 * 2 * np.pi * self.bandwidth / (4 * self.damping)
 
@@ -302,7 +299,7 @@ class BandLimited(GaussianTerm):
         )
 
     def psd(self, f: np.ndarray) -> np.ndarray:
-        return self.N**2 * self.gain_squared(f)
+        return self.N**2 * LowPass(self.bandwidth, self.damping).gain_squared(f)
 
 
 @dataclass(frozen=True)

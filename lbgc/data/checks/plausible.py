@@ -117,12 +117,10 @@ def stated_errors(gyro: Triad, duration_s: float) -> np.ndarray | None:
     bias = gyro.bias() ** 2
     if not bias.any():
         return None
-    slow = 2 * np.square(gyro.B) + np.square(gyro.K) * duration_s + np.square(gyro.gauss_markov)
-    slow = slow + np.square(gyro.R) * duration_s**2 / 4
     felt = gyro.variance(FORCE).max(axis=1) * normal_gravity(0.0) ** 2
     felt = felt + gyro.variance(ONE, warms=True).diagonal() * 30.0**2  # a sensor's usual rise, K
     turned = gyro.variance(TRUTH).sum(axis=1) * EARTH_RATE**2
-    return np.asarray(np.sqrt(bias + slow + felt + turned))
+    return np.asarray(np.sqrt(bias + gyro.slow_variance(duration_s) + felt + turned))
 
 
 def residual(

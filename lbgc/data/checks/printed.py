@@ -78,7 +78,8 @@ def channels(record: Record, config: LogConfig, imu: ImuModel | None) -> list[Ch
         ("accelerometer", record.accel, own, "m/s2", 1.0),
     ):
         triad = None if imu is None else (imu.gyro if name == "gyro" else imu.accel)
-        carried = triad is not None and triad.carried_lsb is not None
+        counts = None if triad is None else triad.counts
+        carried = counts is not None and counts.is_carried
         for column, axis in sorted(enumerate(axes), key=lambda pair: pair[1][-1]):
             sign = -1.0 if axis.startswith("-") else 1.0
             one = np.ascontiguousarray(sign * values[:, column])
