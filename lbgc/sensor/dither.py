@@ -1,10 +1,10 @@
-"""Whether a sensor's own noise shakes its output across counts, so that rounding is plain noise.
+"""Whether a sensor's own noise dithers its output across counts, so that rounding is plain noise.
 
-Rounding samples adds white noise of LSB^2/12, and rounding a carried angle or velocity adds IEEE
-Std 952's quantisation, where the noise before rounding exceeds half a count: the rounding error's
-first harmonic is then below exp(-2 pi^2/4) = 0.7% of its full size. Below that, what is printed
-hangs on where the mean stands within a count: there is a dead band, whose errors no second moment
-tells.
+Where the noise before rounding exceeds half a count, rounding samples adds white noise of variance
+LSB^2/12, and rounding a carried angle or velocity adds the quantisation noise of IEEE Std 952: the
+rounding error's first harmonic is then below exp(-2 pi^2/4) = 0.7% of its full size. With less
+noise the output depends on where the mean lies within a count. There is a dead band, whose errors
+are not described by second moments.
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ from lbgc.sensor import gaussian
 from lbgc.sensor.imu import ImuModel, Triad
 
 ENOUGH = 0.5
-"""Counts of noise, 1 sigma, above which rounding is noise."""
+"""Noise before rounding, in counts, 1 sigma, above which rounding is noise."""
 
 
 def quietest(triad: Triad, dt: float) -> float:
-    """The white noise of the quietest axis in means over dt (s): 1 sigma, SI. What wanders slowly
-    and what swings steadily is no dither that can be relied on."""
+    """The white noise of the triad's quietest axis in means over dt (s): 1 sigma, SI. Slow noise
+    and tones are left out, because they cannot be relied on to dither."""
     sigmas = [
         float(np.sqrt(gaussian.covariance_of_means(terms[:1], 1, dt)[0, 0])) if N > 0 else 0.0
         for N, terms in zip(triad.N, triad.terms, strict=True)
@@ -29,11 +29,12 @@ def quietest(triad: Triad, dt: float) -> float:
 
 
 def undithered(triad: Triad, dt: float, mean_s: float) -> tuple[str, float] | None:
-    """The key of the count that the noise does not shake, and that noise (1 sigma, SI in the
-    count's unit); None where there is no such count.
+    """The count that the noise does not dither: its field of the triad, `lsb` or `carried_lsb`, and
+    the noise (1 sigma, SI, in the count's unit). None where there is no such count.
 
-    dt : s, of samples, by which a rate's counts are read; mean_s : s, the means that are taken. A
-    carried count is rounded once a mean, and shaken by the angle's noise within it.
+    dt : s, the samples' interval, at which a rate is rounded; mean_s : s, the interval of the means
+    that are taken. A carried count is rounded once a mean, and dithered by the noise of the angle
+    over that mean.
     """
     if triad.lsb is not None:
         noise = quietest(triad, dt)
@@ -45,10 +46,11 @@ def undithered(triad: Triad, dt: float, mean_s: float) -> tuple[str, float] | No
 
 
 def check_means(triad: Triad, name: str, dt: float, mean_s: float, largest_truth: float) -> None:
-    """Raise InputError where block means cannot have the law of averaged samples.
+    """Raise InputError where block means cannot have the law of averaged samples: where there is a
+    dead band, or where signal and noise (6 sigma, and the tones) exceed the range.
 
-    name : the triad's key, for the message; dt, mean_s : s, of samples and of means;
-    largest_truth : of its rate or force, SI.
+    name : the triad's key, for the message; dt, mean_s : s, the intervals of samples and of means;
+    largest_truth : the largest true rate or force, SI.
     """
     found = undithered(triad, dt, mean_s)
     if found is not None:
@@ -61,6 +63,7 @@ def check_means(triad: Triad, name: str, dt: float, mean_s: float, largest_truth
 
 
 def _refuse(triad: Triad, name: str, part: str, value: float, what: str, why: str) -> None:
+    """Raise the InputError of `check_means`, with all figures in the unit of the triad's key."""
     key = triad.keys[part]
     unit, scale = units.unit_of(key), units.factor(key)
     raise InputError(
@@ -73,7 +76,8 @@ def _refuse(triad: Triad, name: str, part: str, value: float, what: str, why: st
 
 
 def unstated(imu: ImuModel) -> list[str]:
-    """What to say of a sensor none of whose gyro biases is stated, wherever a floor hangs on it."""
+    """The warning that no bias of the gyros is stated, for whatever prints a floor; an empty list
+    where one is stated."""
     if imu.gyro.bias().any():
         return []
     return [
@@ -84,9 +88,9 @@ def unstated(imu: ImuModel) -> list[str]:
 
 
 def warnings(imu: ImuModel | None, mean_s: float) -> list[str]:
-    """What to say of a sensor wherever its means' law is used: a plain sentence for what is assumed
-    of it, and for each triad whose counts its noise does not shake. mean_s : s, the means that are
-    taken."""
+    """The warnings that belong to results that use the law of a sensor's means, one sentence each:
+    what is assumed of the sensor, and each triad whose counts the noise does not dither. mean_s :
+    s, the interval of the means."""
     if imu is None:
         return []
     said = [f"assumed of the sensor, not measured: {imu.assumed}"] if imu.assumed else []
