@@ -1,10 +1,10 @@
-"""Whether a sensor's own noise shakes its output across counts, so that rounding is plain noise.
+"""Whether a sensor's own noise dithers its output across counts, so that rounding is plain noise.
 
-Rounding samples adds white noise of LSB^2/12, and rounding a carried angle or velocity adds IEEE
-Std 952's quantisation, where the noise before rounding exceeds half a count: the rounding error's
-first harmonic is then below exp(-2 pi^2/4) = 0.7% of its full size. Below that, what is printed
-hangs on where the mean stands within a count: there is a dead band, whose errors no second moment
-tells.
+Where the noise before rounding exceeds half a count, rounding samples adds white noise of variance
+LSB^2/12, and rounding a carried angle or velocity adds the quantisation noise of IEEE Std 952: the
+rounding error's first harmonic is then below exp(-2 pi^2/4) = 0.7% of its full size. With less
+noise the output depends on where the mean lies within a count. There is a dead band, whose errors
+are not described by second moments.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from lbgc.sensor import gaussian
 from lbgc.sensor.imu import ImuModel, Triad
 
 ENOUGH = 0.5
-"""Counts of noise, 1 sigma, above which rounding is noise."""
+"""Noise before rounding, in counts, 1 sigma, above which rounding is noise."""
 
 
 def quietest(triad: Triad, dt: float) -> float:
@@ -39,10 +39,11 @@ def undithered(triad: Triad, dt: float, mean_s: float) -> float | None:
 
 
 def check_means(triad: Triad, name: str, dt: float, mean_s: float, largest_truth: float) -> None:
-    """Raise InputError where block means cannot have the law of averaged samples.
+    """Raise InputError where block means cannot have the law of averaged samples: where there is a
+    dead band, or where signal and noise (6 sigma, and the tones) exceed the range.
 
-    name : the triad's key, for the message; dt, mean_s : s, of samples and of means;
-    largest_truth : of its rate or force, SI.
+    name : the triad's key, for the message; dt, mean_s : s, the intervals of samples and of means;
+    largest_truth : the largest true rate or force, SI.
     """
     noise = undithered(triad, dt, mean_s)
     if noise is not None and triad.counts is not None:
@@ -72,7 +73,8 @@ def _refuse(key: str, stated: float, value: float, what: str, why: str) -> None:
 
 
 def unstated(imu: ImuModel) -> list[str]:
-    """What to say of a sensor none of whose gyro biases is stated, wherever a floor hangs on it."""
+    """The warning that no bias of the gyros is stated, for whatever prints a floor; an empty list
+    where one is stated."""
     if imu.gyro.bias().any():
         return []
     return [
@@ -83,9 +85,9 @@ def unstated(imu: ImuModel) -> list[str]:
 
 
 def warnings(imu: ImuModel | None, mean_s: float) -> list[str]:
-    """What to say of a sensor wherever its means' law is used: a plain sentence for what is assumed
-    of it, and for each triad whose counts its noise does not shake. mean_s : s, the means that are
-    taken."""
+    """The warnings that belong to results that use the law of a sensor's means, one sentence each:
+    what is assumed of the sensor, and each triad whose counts the noise does not dither. mean_s :
+    s, the interval of the means."""
     if imu is None:
         return []
     said = [f"assumed of the sensor, not measured: {imu.assumed}"] if imu.assumed else []
