@@ -96,7 +96,8 @@ def _drawn(dataset: Dataset, good: list[int]) -> list[str]:
         "",
         f"{'value':24s}{'unit':>16s}{'least':>12s}{'mean':>12s}{'1 sigma':>12s}{'most':>12s}",
     ]
-    for name, variable in VARIABLES.items():
+    for name in dataset.layout.variables:
+        variable = VARIABLES[name]
         if "time" in variable.dims or variable.flags:
             continue
         values = _rows(dataset, name, good)

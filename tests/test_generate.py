@@ -8,7 +8,7 @@ from helpers import default_config, generate
 
 import sim.generate
 import sim.recordings
-from lbgc.data.schema import VARIABLES
+from lbgc.data.schema import ALWAYS
 from lbgc.data.store import Dataset
 from lbgc.data.windows import cut
 from lbgc.earth import earth_rate_ned
@@ -71,7 +71,7 @@ def test_one_seed_one_digest(tmp_path, small):
 
 def test_a_longer_dataset_begins_with_the_same_recordings(tmp_path, small):
     longer = generate(tmp_path / "longer.zarr", **(SMALL | {"recordings": 30}))
-    for name in VARIABLES:
+    for name in ALWAYS:
         np.testing.assert_array_equal(longer.label(name)[:20], small.label(name))
 
 
@@ -201,7 +201,7 @@ def test_every_field_changes_the_dataset(field, tmp_path):
         assert any(
             b[name].shape != a[name].shape or (b[name] != a[name]).any()
             for b, a in zip(before, after, strict=True)
-            for name in VARIABLES
+            for name in ALWAYS
         )
 
 
@@ -324,7 +324,7 @@ def test_a_vehicle_sways_and_says_how_much():
     assert all(0.5 <= level <= 1.5 for level in levels)
     assert all(np.ptp(r["attitude"], axis=0).min() > 0 for r in rows)
     again = recording(config, 1)
-    for name in VARIABLES:
+    for name in ALWAYS:
         np.testing.assert_array_equal(again[name], rows[1][name])
 
 

@@ -12,11 +12,16 @@ SPLITS = ("train", "validation", "test")
 
 @dataclass(frozen=True)
 class Variable:
+    """A variable as it is stored: its dimensions, type, unit, name and what its flags mean."""
+
     dims: tuple[str, ...]
     dtype: str
     units: str
     long_name: str
     flags: tuple[str, ...] = ()
+    optional: bool = False
+    """Whether only those datasets have it in which it is drawn. What came to the schema after it
+    was numbered is optional, so that datasets from before stay as they are and can be read."""
 
 
 RECORDED = ("recording", "time", "axis")
@@ -107,4 +112,6 @@ VARIABLES: dict[str, Variable] = {
         )
     },
 }
+ALWAYS = tuple(name for name, variable in VARIABLES.items() if not variable.optional)
+"""What every dataset has."""
 AXES = ("forward", "right", "down")
