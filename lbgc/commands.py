@@ -6,10 +6,12 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import hydra
+from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
@@ -17,12 +19,34 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from lbgc import sweeps, user_yaml
-from lbgc.errors import InputError, build, reading
+from lbgc.errors import InputError, build, reading, require
 from lbgc.outputs import printable
 from lbgc.sensor.datasheet import ALTERNATIVES
 from lbgc.sweeps import Ended
 
 CONF = str(Path(__file__).resolve().parents[1] / "conf")
+COMPLETE = ("imu", "scene", "protocol")
+"""Groups whose files say only what they change: the rest is as the dataclass has it."""
+
+
+def store_defaults(config_class: type) -> list[str]:
+    """Let Hydra find `imu_defaults` and its like: every key of such a field of the configuration,
+    at its default. Returns their names."""
+    hints, names = get_type_hints(config_class), []
+    for field in (name for name in COMPLETE if name in hints):
+        (own,) = filter(is_dataclass, (hints[field], *get_args(hints[field])))
+        names.append(f"{field}_defaults")
+        ConfigStore.instance().store(names[-1], as_written(asdict(own())), package=field)  # type: ignore[operator]
+    return names
+
+
+def as_written(value: Any) -> Any:
+    """A value as YAML has it: lists, and whole numbers without a point."""
+    if isinstance(value, dict):
+        return {key: as_written(own) for key, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_written(own) for own in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def run_main(
@@ -70,9 +94,13 @@ def run_main(
 
     with sweeps.sweep() as directory:
         try:
+            stored = store_defaults(config_class)
             for brought in user_yaml.brought(sys.argv[1:]):
                 with reading("--config-dir", brought, "cannot be taken"):
                     user_yaml.check_directory(brought)
+                for file in (brought / f"{name}.yaml" for name in stored):
+                    ours = "is composed by the program itself, and cannot be brought along"
+                    require(not file.exists(), "--config-dir", file, ours)
             with _never_forgotten():
                 hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
             _conclude(directory, summary)

@@ -16,7 +16,7 @@ REST, SLEW, SETTLE = range(len(STAGES))
 
 @dataclass(frozen=True)
 class ProtocolConfig:
-    """What `conf/protocol/*.yaml` holds."""
+    """What `conf/protocol/*.yaml` holds. Clockwise is positive."""
 
     name: str = "heading_scan"
     """How reports call it."""

@@ -14,7 +14,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import sim.generate
-from lbgc.commands import CONF
+from lbgc.commands import CONF, store_defaults
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, cut
@@ -36,6 +36,7 @@ def needs_recording(name: str) -> pytest.MarkDecorator:
 
 def composed(config_class: type, name: str, *overrides: str):
     """The configuration that an entry point would be called with."""
+    store_defaults(config_class)
     with initialize_config_dir(CONF, version_base="1.3"):
         raw = OmegaConf.to_container(compose(name, list(overrides)), resolve=True)
     return build(config_class, raw)

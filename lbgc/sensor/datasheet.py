@@ -38,7 +38,7 @@ class GyroLine:
 
 @dataclass(frozen=True)
 class AccelLine:
-    """A line in the accelerometers' noise that wanders about its frequency, as `GyroLine`."""
+    """A line in the accelerometers' noise that wanders about its frequency, as a gyro's does."""
 
     ug: Axes = term(noise.Line, "sigma", MISSING)
     """The line's rms."""
@@ -148,7 +148,7 @@ class GyroConfig:
 
 @dataclass(frozen=True)
 class AccelConfig:
-    """An accelerometer triad in datasheet units, as `GyroConfig`."""
+    """An accelerometer triad in datasheet units. A figure is one number or three, as a gyro's."""
 
     noise_ug_per_sqrt_hz: Axes | None = term(noise.White, "N", None)
     """Noise density as datasheets print it, one-sided: N is this over sqrt(2)."""
