@@ -27,12 +27,13 @@ from lbgc.estimators.floor import (
 from lbgc.estimators.information import Information, budget, information
 from lbgc.estimators.least_squares import LEANS
 from lbgc.estimators.posterior import AS_LENGTHS
+from lbgc.estimators.reduced_order import When, like_north
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig
 from lbgc.report.figures import bound_against_time, png
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import unstated, warnings
-from lbgc.sensor.errors import LIFETIMES
+from lbgc.sensor.errors import FIELD, LIFETIMES
 from lbgc.sensor.imu import ImuModel
 
 MOST_LEAN = float(np.rad2deg(LEANS))
@@ -115,7 +116,8 @@ def main(config: BoundConfig) -> Path:
         lengths = ", ".join(f"{w:g}" for w in short)
         print(f"windows of {lengths} s are too short for {config.protocol.name}")
     shortest = min(r["window_s"] for r in rows)
-    for line in (*unstated(config.imu.model(config.rate_hz)), *warnings(config.model, shortest)):
+    said = unstated(config.imu.model(config.rate_hz)), warnings(config.model, shortest)
+    for line in (*said[0], *said[1], *_mimicking(config)):
         print(line)
     print(table(config, rows))
     print(budget_table(parts, longest["window_s"]))
@@ -152,6 +154,21 @@ def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, floa
             }
         )
     return rows
+
+
+def _mimicking(config: BoundConfig) -> list[str]:
+    """What to say of a magnetic sensitivity."""
+    model, one = config.model, np.ones(1)
+    if not model.feels_field:
+        return []
+    gyro = replace(model.gyro, drawn=tuple(e for e in model.gyro.drawn if e.follows == FIELD))
+    when = When(0.0, 0 * one, config.site.latitude * one, config.site.gravity * one)
+    turn = np.linspace(0, 2 * np.pi, 8, endpoint=False)[None]
+    rate = np.sqrt(like_north(replace(model, gyro=gyro), when, turn)[0]) / config.site.north
+    return [
+        f"MIMICS NORTH: {np.rad2deg(rate):.3g} deg (1 sigma) of what the gyros make of the "
+        "magnetic field turns as Earth's rate does: no schedule about the vertical takes it out"
+    ]
 
 
 def _told(config: BoundConfig, course: Course, lean: tuple[float, float]) -> Information:

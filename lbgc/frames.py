@@ -57,6 +57,15 @@ def euler_to_matrix(
     )
 
 
+def level(f_ib_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch from specific force at rest (the paper's eqs. 10-11; Groves 2013, eq. 5.101).
+
+    f_ib_b : (W, 3), m/s^2. Returns rad, (W,) each. They do not depend on g.
+    """
+    x, y, z = f_ib_b[:, 0], f_ib_b[:, 1], f_ib_b[:, 2]
+    return np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z))
+
+
 def matrix_to_euler(c_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Roll, pitch, yaw in rad, each (*S), of C_nb (*S, 3, 3); pitch in [-pi/2, pi/2].
 

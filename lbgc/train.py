@@ -25,7 +25,7 @@ from lbgc.errors import (
     require_positive,
 )
 from lbgc.learning import board, description
-from lbgc.learning.augment import AugmentConfig
+from lbgc.learning.augment import AugmentConfig, check_field
 from lbgc.learning.batches import Drawn, Examples, Prepared, Sensed, Source, Stored
 from lbgc.learning.description import DESCRIPTION, FORMAT
 from lbgc.learning.estimator import SHORTEST_WINDOW_S, WEIGHTS, load_net
@@ -187,6 +187,8 @@ def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
         source = Prepared.of(sensed, train, plan.windows_steps.values())
     else:
         units = _units(datasets)
+        if not config.stream:
+            check_field(config.augment, imu)
         windows: Source = Stored(train, units, config.augment, imu.gyro)
         if config.stream:
             windows = Streamed.of(datasets[0], datasets[0].in_split("train"), train)

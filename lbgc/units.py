@@ -6,6 +6,8 @@ STANDARD_GRAVITY = 9.80665
 """m/s^2: the g of datasheets, not of any place on Earth."""
 
 DEG = math.pi / 180.0
+GAUSS = 1e-4
+"""T"""
 HOUR = 3600.0
 
 # suffix of a key -> (factor to SI, how the unit is written)
@@ -38,6 +40,7 @@ _SUFFIXES: dict[str, tuple[float, str]] = {
     "ppm": (1e-6, "ppm"),
     "mrad": (1e-3, "mrad"),
     "hz": (1.0, "Hz"),
+    "gauss": (GAUSS, "gauss"),
     "nm_s_per_rad": (1.0, "N m s/rad"),
     "nm_per_rad": (1.0, "N m/rad"),
     "nm": (1.0, "N m"),

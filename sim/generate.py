@@ -18,7 +18,7 @@ import lbgc
 from lbgc.commands import run_main
 from lbgc.data import store
 from lbgc.data.place import Place
-from lbgc.data.schema import SCHEMA
+from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.shard import Shard
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require
@@ -117,6 +117,7 @@ def _out(config: GenerateConfig) -> Path | str:
 
 def _layout(config: GenerateConfig, sensor: Sensor) -> store.Layout:
     as_counts = config.output == "samples"
+    drawn = {f"{name}_{error.name}" for name, triad, _ in sensor.triads() for error in triad.drawn}
     return store.Layout(
         recordings=config.recordings,
         samples=config.samples // config.block,
@@ -125,6 +126,7 @@ def _layout(config: GenerateConfig, sensor: Sensor) -> store.Layout:
             "gyro": sensor.gyro.output_scale(1 / config.rate_hz) if as_counts else None,
             "accel": sensor.accel.output_scale(1 / config.rate_hz) if as_counts else None,
         },
+        variables=tuple(n for n, v in VARIABLES.items() if not v.optional or n in drawn),
     )
 
 

@@ -39,11 +39,11 @@ class Felt:
 
     def omega(self, earth_rate: np.ndarray) -> np.ndarray:
         """omega_ib_b, (3, n), rad/s. earth_rate : (3,), in A."""
-        return (self.rate + self._in_body(earth_rate)).T
+        return (self.rate + self.in_body(earth_rate)).T
 
     def force(self, earth_rate: np.ndarray, gravity: np.ndarray) -> np.ndarray:
         """f_ib_b, (3, n), m/s^2. earth_rate, gravity : (3,), in A."""
-        felt = self.acceleration - self._in_body(gravity) + self.coriolis @ earth_rate
+        felt = self.acceleration - self.in_body(gravity) + self.coriolis @ earth_rate
         return felt.T
 
     def averaged(self, block: int) -> "Felt":
@@ -56,7 +56,8 @@ class Felt:
         """One sample as `count` of them."""
         return Felt(*(np.repeat(values, count, axis=0) for values in vars(self).values()))
 
-    def _in_body(self, vector: np.ndarray) -> np.ndarray:
+    def in_body(self, vector: np.ndarray) -> np.ndarray:
+        """A vector (3,) that stands still in A, in the body's axes, (n, 3)."""
         return np.einsum("nij,i->nj", self.attitude, vector)
 
 

@@ -12,8 +12,9 @@ from lbgc.data.schema import ALWAYS
 from lbgc.data.store import Dataset
 from lbgc.data.windows import cut
 from lbgc.earth import earth_rate_ned
+from lbgc.estimators.level import gyrocompass
 from lbgc.estimators.static import mean
-from lbgc.frames import rotation_z, wrap
+from lbgc.frames import level, rotation_z, wrap
 from lbgc.metrics import heading_errors
 from lbgc.protocol import STAGES
 from lbgc.sensor import streams
@@ -223,8 +224,6 @@ def test_thirty_experiments_agree_on_the_median(tmp_path):
         config = replace(default_config(), output="means", mean_s=240.0, seed=seed)
         rows = recordings(config, 80)
         gyro, accel = (np.array([r[n] for r in rows]) for n in ("gyro", "accel"))
-        from lbgc.estimators.level import gyrocompass, level
-
         estimate = gyrocompass(gyro[:, 0], *level(accel[:, 0]))
         errors = wrap(estimate - [r["heading"] for r in rows])
         medians.append(np.rad2deg(np.median(np.abs(errors))))

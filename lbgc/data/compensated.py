@@ -7,7 +7,8 @@ import numpy as np
 
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
-from lbgc.errors import build
+from lbgc.errors import InputError, build
+from lbgc.frames import euler_to_matrix, level, turned
 from lbgc.sensor import errors
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import Drawn
@@ -43,6 +44,17 @@ def calibrated(
     n, dt, around = len(record.gyro), 1 / record.rate_hz, imu.warming
     warmth = around.rise(n, dt) if around.rise_k != 0 else None
     force = errors.undone(imu.accel.lasting(*lifetimes), accel, record.accel.T, around, warmth)
-    felt = replace(around, force=force)
+    field = _field(record, imu) if imu.feels_field else None
+    felt = replace(around, force=force, field=field)
     rate = errors.undone(imu.gyro.lasting(*lifetimes), gyro, record.gyro.T, felt, warmth)
     return replace(record, gyro=rate.T, accel=force.T)
+
+
+def _field(record: Record, imu: ImuModel) -> np.ndarray:
+    """The magnetic field in the body, T, (3, n), at the record's true heading and the level that
+    its mean specific force tells. Raises InputError where the heading is not known."""
+    if record.heading is None:
+        raise InputError(f"{record.name}'s heading", "(unknown)", "", "it has no truth")
+    lean = level(turned(record.accel, record.plate_angle).mean(axis=0, keepdims=True))
+    base = np.array(imu.field_ned) @ euler_to_matrix(*lean, record.heading)
+    return turned(np.repeat(base, len(record.gyro), axis=0), -record.plate_angle).T

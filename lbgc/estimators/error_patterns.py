@@ -117,12 +117,18 @@ def causes(imu: ImuModel, base: np.ndarray, site: Site) -> dict[str, np.ndarray]
     levers = [_channel(axis, _one(len(base), SQUARE, _LEVER_M)) for axis in (0, 1)]
     one = np.zeros_like(force)
     one[..., ONE] = 1.0
+    north, east, down = imu.field_ned
+    level = float(np.hypot(north, east))
+    each_way = [(level, 0.0, 0.0), (0.0, -level, 0.0)]  # of cos and sin of its angle to the base
+    fields = [felt_of(base, np.array(u)) / np.sqrt(2) for u in each_way]
+    fields.append(felt_of(base, np.array([0.0, 0.0, down])))
     found: dict[str, list[np.ndarray]] = {}
     for rows, triad, truths, own in (
         (GYRO, imu.gyro, rates, ""),
         (ACCEL, imu.accel, [force], "accelerometer "),
     ):
-        felt = {errors.ONE: [one], errors.TRUTH: truths, errors.FORCE: [force, *levers]}
+        felt = {errors.ONE: [one], errors.TRUTH: truths, errors.FORCE: [force, *levers],
+                errors.FIELD: fields}  # fmt: skip
         for error in triad.drawn:
             each = found.setdefault(own + error.cause, [])
             for axis, c in (one for part in felt[error.follows] for one in error.along(part)):

@@ -176,7 +176,7 @@ class _Law:
         w, h = len(windows), steps.interval
         # How a bias changes by the kelvin is a state of its own.
         by_kelvin = imu.gyro.variance(ONE, warms=True).diagonal()
-        gyro = reduced_order.of_gyro(imu, when, warming_bias=False)
+        gyro = reduced_order.of_gyro(imu, when, warming_bias=False, turning_with_plate=False)
         accel = reduced_order.of_accel(imu, when)
         earth = np.zeros((w, 3, 2))
         earth[:, 0, 0] = EARTH_RATE * np.cos(latitude)
@@ -239,7 +239,10 @@ def _filter(
         turned += np.exp(1j * matrix_to_euler(at_zero)[2]) * even
     # a base that rests does not turn; what its gyros make of a slew is their error
     off = 0.0 if still else np.angle(turned)
-    return _on_the_circle(state, off), surprise / np.maximum(count, 1)
+    when = reduced_order.When.of(windows)
+    mimics = reduced_order.like_north(imu, when, windows.plate_angle)
+    mimics = mimics / np.square(EARTH_RATE * np.cos(when.latitude))
+    return _on_the_circle(state, off, mimics), surprise / np.maximum(count, 1)
 
 
 def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -> None:
@@ -335,12 +338,15 @@ def _update(
     return np.asarray(np.einsum("wi,wi->w", z, np.linalg.solve(S, z[..., None])[..., 0]))
 
 
-def _on_the_circle(state: _State, off: np.ndarray | float) -> Estimate:
+def _on_the_circle(state: _State, off: np.ndarray | float, mimics: np.ndarray) -> Estimate:
     """The heading's posterior mean and spread under a flat prior, from what was learnt of q.
 
-    off : rad, (W,), by which the body's mean heading differs from that of n'.
+    off : rad, (W,), by which the body's mean heading differs from that of n'; mimics : (W,),
+    variance of each part of what is like q and adds to it.
     """
     inverse = np.linalg.inv(state.P[:, Q, Q])
     h = np.einsum("wij,wj->wi", inverse, state.q)
-    found = bayes(h, inverse - np.eye(2) / _Q_SIGMA**2)
+    J = inverse - np.eye(2) / _Q_SIGMA**2
+    told = np.linalg.inv(np.eye(2) + mimics[:, None, None] * J)  # of what is told of q, with those
+    found = bayes(np.einsum("wij,wj->wi", told, h), told @ J)
     return Estimate(wrap(found.heading + off), found.sigma)

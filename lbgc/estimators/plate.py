@@ -7,8 +7,7 @@ stands still in the axes of the plate's base, Earth's rate or gravity, is felt t
 
 import numpy as np
 
-from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, turned
+from lbgc.frames import euler_to_matrix, level, turned
 
 _RESTS = np.deg2rad(1e-4)
 """Travel from block to block, rad, below which the plate rests."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
-from lbgc.sensor.errors import FORCE, ONE, TRUTH
+from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
 
 _SHORT, _LONG = 0.1, 2.0
@@ -59,17 +59,63 @@ class When:
         return cls(windows.duration_s, windows.start_s, windows.latitude, gravity)
 
 
-def of_gyro(imu: ImuModel, when: When, processes: bool = True, warming_bias: bool = True) -> Drift:
+def of_gyro(
+    imu: ImuModel,
+    when: When,
+    processes: bool = True,
+    warming_bias: bool = True,
+    turning_with_plate: bool = True,
+) -> Drift:
     """The gyros' drift. What a rate about z makes in each of them is no part of it: that turns with
     the plate's rate, and is a state of its own (see `turning`).
 
     processes, warming_bias : whether first-order processes, and biases that grow with the
-    temperature, are part of it: those who have them exactly leave them out.
+    temperature, are part of it: those who have them exactly leave them out. turning_with_plate :
+    whether what follows a horizontal vector that stands still, Earth's rate or the field, is part
+    of it as a constant; on a plate that turns it is none, see `like_north`.
     """
-    horizontal = np.square(EARTH_RATE * np.cos(when.latitude)) / 2
-    none = np.zeros_like(horizontal)
-    felt = {TRUTH: np.stack([horizontal, horizontal, none], axis=1), FORCE: _down(when.gravity)}
+    share = float(turning_with_plate)
+    felt = {
+        kind: share * _horizontal(size) + _down(vertical)
+        for kind, (size, vertical) in _standing(imu, when).items()
+    }
+    felt[FORCE] = _down(when.gravity)
     return _drift(imu, imu.gyro, when, felt, _LEAST[0], processes, warming_bias)
+
+
+def like_north(imu: ImuModel, when: When, angle: np.ndarray) -> np.ndarray:
+    """Variance of what gyros' errors add to Earth's horizontal rate in level axes that stand still,
+    each component, (W,), (rad/s)^2. angle : (W, n), rad, the plate's.
+
+    Of c v, v a horizontal vector of size v in the body, (c_xx + c_yy)/2 and (c_yx - c_xy)/2 scale
+    and turn v, and so mimic north under every schedule about the vertical axis; what else there
+    is, of the same size, turns by twice the plate's angle, and is as north where that has no
+    effect, at a half turn.
+    """
+    again = np.abs(np.exp(2j * angle).mean(axis=1)) ** 2  # whether twice the angle comes to naught
+    middle = imu.warming.rise_at(when.start_s + when.duration_s / 2) ** 2
+    standing = _standing(imu, when)
+    total = np.zeros(len(angle))
+    for error in imu.gyro.drawn:
+        if error.follows in standing:
+            size = np.square(error.sigma[:2, :2]).sum() / 8 * (middle if error.warms else 1.0)
+            total += size * (1 + again) * standing[error.follows][0] ** 2
+    return total
+
+
+def _standing(imu: ImuModel, when: When) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """What stands still on Earth and gyros' errors follow, by kind: size of its horizontal part,
+    and its vertical part where that makes a constant; (W,) each."""
+    north, east, down = imu.field_ned
+    one = np.ones(len(when.latitude))
+    rate = EARTH_RATE * np.cos(when.latitude)
+    return {TRUTH: (rate, 0 * one), FIELD: (np.hypot(north, east) * one, down * one)}
+
+
+def _horizontal(size: np.ndarray) -> np.ndarray:
+    """Mean square of a horizontal vector of this size along each axis of a level body that may look
+    anywhere, (W, 3)."""
+    return np.stack([size**2 / 2, size**2 / 2, 0 * size], axis=1)
 
 
 def of_accel(imu: ImuModel, when: When, processes: bool = True) -> Drift:
@@ -105,7 +151,8 @@ def _drift(
     """felt : mean square of what errors that are drawn once follow, (W, 3)."""
     white, angle, wander, time = (np.zeros(3) for _ in range(4))
     start, end = when.start_s, when.start_s + when.duration_s
-    felt = {ONE: np.ones((len(start), 3)), **felt}
+    none = np.zeros((len(start), 3))
+    felt = {ONE: none + 1, FIELD: none, **felt}
     constant, walk = np.zeros((len(start), 3)), np.zeros((len(start), 3))
     warm, warmer = (imu.warming.rise_at(at) for at in (start, end))
     for error in triad.drawn:

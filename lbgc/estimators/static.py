@@ -10,8 +10,8 @@ from lbgc.estimators.block_means import levelled
 from lbgc.estimators.error_patterns import timeless
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.least_squares import answer, check, needs_model, plain, weighted
-from lbgc.estimators.level import gyrocompass, level
-from lbgc.frames import matrix_to_euler, wrap
+from lbgc.estimators.level import gyrocompass
+from lbgc.frames import level, matrix_to_euler, wrap
 from lbgc.sensor.imu import ImuModel
 
 _MOVED = np.deg2rad(0.01)

@@ -19,11 +19,10 @@ import numpy as np
 
 from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned
-from lbgc.errors import require_choice, require_not_negative
-from lbgc.estimators.level import level
+from lbgc.errors import require, require_choice, require_not_negative
 from lbgc.estimators.plate import mean_turn, on_plate, travel_within
-from lbgc.frames import euler_to_matrix, rotation_z, turned
-from lbgc.sensor.imu import Triad
+from lbgc.frames import euler_to_matrix, level, rotation_z, turned
+from lbgc.sensor.imu import ImuModel, Triad
 
 MIXED = 3
 """Recordings of one unit that make a new one."""
@@ -47,6 +46,19 @@ class AugmentConfig:
     def __post_init__(self) -> None:
         require_choice("form", self.form, ("earth", "literal"))
         require_not_negative(self, "noise", "run_bias")
+
+
+def check_field(config: AugmentConfig, imu: ImuModel) -> None:
+    """Raise InputError where recordings may not be turned or mixed, since what the gyros make of
+    the magnetic field turns with them, and only Earth's rate is known."""
+    for name in ("rotate", "mix"):
+        about = "the gyros feel a magnetic field, whose part in a recording is not known; use "
+        require(
+            not (getattr(config, name) and imu.feels_field),
+            f"augment.{name}",
+            True,
+            f"{about}stream=true, or false here",
+        )
 
 
 def augment(

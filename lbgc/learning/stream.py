@@ -88,7 +88,7 @@ class Streamed:
         heading = rng.uniform(-np.pi, np.pi, count)
         block = round(1 / (stored.rate_hz * self.imu.dt))
         inside = slice(start, start + steps)
-        rate, force = self._truth(rows, heading, inside)
+        rate, force, field = self._truth(rows, heading, inside)
         still = replace(self.imu.warming, force=None)
         gyro, accel = (
             triad.measure_means(
@@ -100,7 +100,7 @@ class Streamed:
                 start,
             )
             for triad, truth, lasting, around in (
-                (self.imu.gyro, rate, self.gyro, replace(still, force=force)),
+                (self.imu.gyro, rate, self.gyro, replace(still, force=force, field=field)),
                 (self.imu.accel, force, self.accel, still),
             )
         )
@@ -117,9 +117,10 @@ class Streamed:
 
     def _truth(
         self, rows: np.ndarray, heading: np.ndarray, inside: slice
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, 3, T), inside
-        recordings on a plate that turns evenly within a block; (W, 3, 1) on one that rests."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Block means of the rate, rad/s, the specific force, m/s^2, and the magnetic field, T,
+        each (W, 3, T), inside recordings on a plate that turns evenly within a block; (W, 3, 1) on
+        one that rests."""
         stored = self.recordings.windows
         late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
         reading = unrepeated(stored.plate_angle[rows])
@@ -131,10 +132,11 @@ class Streamed:
         base = euler_to_matrix(roll, pitch, heading)
         earth = np.einsum("wij,wi->wj", base, earth_rate_ned(stored.latitude[rows]))
         down = normal_gravities(stored.latitude[rows], self.height_m)
-        rate, force = (on_plate(v[:, None, :], turn) for v in (earth, -down[:, None] * base[:, 2]))
+        felt = (earth, -down[:, None] * base[:, 2], self.imu.field_ned @ base)
+        rate, force, field = (on_plate(v[:, None, :], turn) for v in felt)
         rate[..., 2] += turning
         force[..., 0] -= self.arm_m * turning**2  # towards the axis, behind the IMU
-        return np.swapaxes(rate, 1, 2), np.swapaxes(force, 1, 2)
+        return np.swapaxes(rate, 1, 2), np.swapaxes(force, 1, 2), np.swapaxes(field, 1, 2)
 
 
 def _check_still(dataset: Dataset, configuration: Mapping[str, Any]) -> None:

@@ -23,8 +23,7 @@ from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators.inertial import apparent_gravity, integrate
-from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, rotation_matrix, rotation_z, turned
+from lbgc.frames import euler_to_matrix, level, rotation_matrix, rotation_z, turned
 
 LEAST_RATE_HZ = 50.0
 """Below it a vehicle's sway is not seen as it is: at 10 Hz errors over 10 s are threefold."""

@@ -75,7 +75,7 @@ def _drawn(config: Any) -> tuple[Proportional, ...]:
         found[kind.name] = found.get(kind.name, kind).sized(size, _axes(config, key))
     # An accelerometer's, too, is drawn: as it always was.
     found.setdefault("g_sensitivity", Proportional("g_sensitivity", "", "unit", FORCE, cross=NONE))
-    later = [name for name in found if name not in FIRST]
+    later = [n for n, kind in found.items() if n not in FIRST and kind.sigma.any()]
     return tuple(found[name] for name in (*FIRST, *later))
 
 

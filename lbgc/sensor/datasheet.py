@@ -11,10 +11,11 @@ from lbgc.sensor import kalibr, noise
 from lbgc.sensor.conversion import to_si
 from lbgc.sensor.counting import CarriedCounts, RateCounts
 from lbgc.sensor.deterministic import Ramp, Sinusoid
-from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings
+from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings, Triple
 from lbgc.sensor.imu import ImuModel, Timing, Triad
 from lbgc.sensor.low_pass import LowPass
 from lbgc.sensor.rows import alternatives, bias, counts, drawn, limit, minimum, named, several, term
+from lbgc.units import GAUSS
 
 _GAIN, _WARMS = "scale and misalignment", "warming up"
 
@@ -233,6 +234,29 @@ class TemperatureConfig:
 
 
 @dataclass(frozen=True)
+class FieldConfig:
+    """The magnetic field around the sensor: Earth's, as a magnetic model or a chart has it, or what
+    the building makes of it. Felt by gyros with a magnetic sensitivity alone."""
+
+    horizontal_gauss: float = 0.0
+    """Strength of its horizontal part: 0.2 to 0.3 in the middle latitudes."""
+    vertical_gauss: float = 0.0
+    """Its vertical part, down: positive in the north."""
+    declination_deg: float = 0.0
+    """Angle of its horizontal part from true north, to the east."""
+
+    def __post_init__(self) -> None:
+        require_not_negative(self, "horizontal_gauss")
+
+    @property
+    def ned(self) -> Triple:
+        """North, east and down, T."""
+        size, angle = GAUSS * self.horizontal_gauss, np.deg2rad(self.declination_deg)
+        north, east = float(size * np.cos(angle)), float(size * np.sin(angle))
+        return (north, east, GAUSS * self.vertical_gauss)
+
+
+@dataclass(frozen=True)
 class TimingConfig:
     """What happens to samples between the sensor and the file."""
 
@@ -260,6 +284,7 @@ class ImuConfig:
     """What of it is assumed and was never measured: `evaluate` and `bound` name it."""
     timing: TimingConfig = field(default_factory=TimingConfig)
     temperature: TemperatureConfig = field(default_factory=TemperatureConfig)
+    magnetic_field: FieldConfig = field(default_factory=FieldConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
     accel: AccelConfig = field(default_factory=AccelConfig)
 
@@ -270,8 +295,14 @@ class ImuConfig:
 
     def model(self, rate_hz: float) -> ImuModel:
         """The sensor in SI units, where it samples at this rate (Hz)."""
-        warming = Surroundings(None, **vars(self.temperature))
-        return ImuModel(self.gyro.triad(), self.accel.triad(), 1 / rate_hz, warming, self.assumed)
+        return ImuModel(
+            self.gyro.triad(),
+            self.accel.triad(),
+            1 / rate_hz,
+            Surroundings(**vars(self.temperature)),
+            self.magnetic_field.ned,
+            self.assumed,
+        )
 
 
 def _validate(config: GyroConfig | AccelConfig) -> None:

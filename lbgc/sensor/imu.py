@@ -17,7 +17,7 @@ import numpy as np
 from lbgc.sensor import errors, gaussian, noise
 from lbgc.sensor.counting import Counts
 from lbgc.sensor.deterministic import STARTED, InRun, Started
-from lbgc.sensor.errors import ONE, Drawn, Proportional, Surroundings, Triple
+from lbgc.sensor.errors import FIELD, ONE, Drawn, Proportional, Surroundings, Triple
 from lbgc.sensor.low_pass import LowPass
 
 ALONE = Surroundings()
@@ -286,6 +286,8 @@ class ImuModel:
     dt: float
     """s: interval of the sensor's own samples, by which counts are read"""
     warming: Surroundings = field(default_factory=Surroundings)
+    field_ned: Triple = errors.NONE
+    """The magnetic field around it, north, east and down, T"""
     assumed: str = ""
     """What of it is assumed and was never measured, for whoever reads figures that hang on it."""
 
@@ -295,6 +297,11 @@ class ImuModel:
         return not any(
             any(t.terms) or any(t.started) or t.counts is not None for t in (self.gyro, self.accel)
         )
+
+    @property
+    def feels_field(self) -> bool:
+        """Whether a magnetic field changes what it prints."""
+        return any(self.field_ned) and bool(self.gyro.variance(FIELD).any())
 
     @property
     def averages_motion(self) -> bool:

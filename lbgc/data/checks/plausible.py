@@ -12,9 +12,9 @@ from lbgc.data.checks.findings import Finding
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
-from lbgc.sensor.errors import FORCE, ONE, TRUTH
+from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
-from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
+from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, GAUSS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
 PER_HOUR = HOUR / DEG
 """deg/h in a rad/s."""
@@ -25,6 +25,8 @@ _MENTIONED, _CERTAIN, _OTHER_KIND = 30.0, 1e6, 0.1
 """Odds at which a unit is named beside a bias, and refused on its own; and of an increment for a
 rate, or a rate for an increment, before anything is seen."""
 _COUNTS = (8, 16, 32, 64)
+_STRONGEST = 0.65 * GAUSS
+"""Earth's magnetic field is nowhere stronger."""
 _ANGLES = np.linspace(0, 2 * np.pi, 720, endpoint=False)
 
 
@@ -119,6 +121,7 @@ def stated_errors(gyro: Triad, duration_s: float) -> np.ndarray | None:
         return None
     felt = gyro.variance(FORCE).max(axis=1) * normal_gravity(0.0) ** 2
     felt = felt + gyro.variance(ONE, warms=True).diagonal() * 30.0**2  # a sensor's usual rise, K
+    felt = felt + gyro.variance(FIELD).sum(axis=1) * _STRONGEST**2
     turned = gyro.variance(TRUTH).sum(axis=1) * EARTH_RATE**2
     return np.asarray(np.sqrt(bias + gyro.slow_variance(duration_s) + felt + turned))
 
