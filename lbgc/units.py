@@ -16,6 +16,7 @@ _SUFFIXES: dict[str, tuple[float, str]] = {
     "deg_per_sqrt_h": (DEG / math.sqrt(HOUR), "deg/sqrt(h)"),
     "deg_per_h_per_h": (DEG / HOUR**2, "deg/h/h"),
     "deg_per_h_per_g": (DEG / HOUR / STANDARD_GRAVITY, "deg/h/g"),
+    "deg_per_h_per_gauss": (DEG / HOUR / GAUSS, "deg/h/gauss"),
     "deg_per_h_per_k": (DEG / HOUR, "deg/h/K"),
     "deg_per_h": (DEG / HOUR, "deg/h"),
     "arcsec": (DEG / HOUR, "arcsec"),

@@ -28,6 +28,7 @@ GYRO = {
     "bias_run": ("bias_run_deg_per_h=2",),
     "matrix": ("scale_unit_ppm=3000", "misalignment_unit_mrad=2"),
     "g_sensitivity": ("g_sensitivity_deg_per_h_per_g=3",),
+    "magnetic": ("magnetic_deg_per_h_per_gauss=5",),
     "bias_per_k": ("bias_per_k_deg_per_h_per_k=1",),
     "scale_per_k": ("scale_per_k_ppm_per_k=200",),
     "N": ("arw_deg_per_sqrt_h=0.2",),
@@ -100,7 +101,7 @@ def test_what_is_drawn_is_what_the_floor_expects(kind, course, perfect):
     assert (found[~there] < 1e-5 * expected.max()).all()
 
 
-TURNING = ("matrix", "scale_per_k")
+TURNING = ("matrix", "scale_per_k", "magnetic")
 """What turns with the plate is no constant of a filter's: see `reduced_order.like_north`."""
 
 

@@ -111,6 +111,9 @@ VARIABLES: dict[str, Variable] = {
             ("g_sensitivity", _MATRIX, f"{unit} / (m s-2)", "drawn {} per specific force"),
         )
     },
+    "gyro_magnetic": Variable(
+        _MATRIX, "float64", "rad s-1 T-1", "drawn gyro per magnetic field", optional=True
+    ),
 }
 ALWAYS = tuple(name for name, variable in VARIABLES.items() if not variable.optional)
 """What every dataset has."""

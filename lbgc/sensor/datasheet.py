@@ -11,7 +11,7 @@ from lbgc.sensor import kalibr, noise
 from lbgc.sensor.conversion import to_si
 from lbgc.sensor.counting import CarriedCounts, RateCounts
 from lbgc.sensor.deterministic import Ramp, Sinusoid
-from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings, Triple
+from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH, Surroundings, Triple
 from lbgc.sensor.imu import ImuModel, Timing, Triad
 from lbgc.sensor.low_pass import LowPass
 from lbgc.sensor.rows import alternatives, bias, counts, drawn, limit, minimum, named, several, term
@@ -111,6 +111,10 @@ class GyroConfig:
         "g_sensitivity", "g-sensitivity", "unit", FORCE, "cross"
     )
     """Sensitivity of each gyro to specific force along each axis, 1 sigma between units."""
+    magnetic_deg_per_h_per_gauss: Axes = drawn(
+        "magnetic", "magnetic sensitivity", "unit", FIELD, "cross"
+    )
+    """Sensitivity of each gyro to the magnetic field along each axis, 1 sigma between units."""
     flicker_short_s: float = term(noise.Flicker, "T_short", 1.0, positive=True)
     """Shortest averaging time of the bias instability's flat floor."""
     flicker_long_s: float = term(noise.Flicker, "T_long", 3600.0, positive=True)
@@ -287,6 +291,15 @@ class ImuConfig:
     magnetic_field: FieldConfig = field(default_factory=FieldConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
     accel: AccelConfig = field(default_factory=AccelConfig)
+
+    def __post_init__(self) -> None:
+        size = self.gyro.magnetic_deg_per_h_per_gauss
+        require(
+            any(self.magnetic_field.ned) or not np.any(size),
+            "gyro.magnetic_deg_per_h_per_gauss",
+            size,
+            "takes a field: say magnetic_field.horizontal_gauss and vertical_gauss, or 0 here",
+        )
 
     @staticmethod
     def adopted(given: Mapping[str, Any]) -> Mapping[str, Any]:
