@@ -24,7 +24,9 @@ from lbgc.outputs import printable
 from lbgc.sensor.datasheet import ALTERNATIVES
 from lbgc.sweeps import Ended
 
-CONF = str(Path(__file__).resolve().parents[1] / "conf")
+_PLACES = [parent / "conf" for parent in Path(__file__).resolve().parents[:2]]
+CONF = str(next(filter(Path.is_dir, _PLACES), _PLACES[0]))
+"""In lbgc/ where that was installed, beside it in the checkout."""
 COMPLETE = ("imu", "scene", "protocol")
 """Groups whose files say only what they change: the rest is as the dataclass has it."""
 

@@ -1,5 +1,5 @@
 """The bench: what moves, and what the sensors feel. It may import lbgc; lbgc never imports it."""
 
-from sim.opengl import settle
+from .opengl import settle
 
 settle()

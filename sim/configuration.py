@@ -6,9 +6,10 @@ from lbgc.data.record import whole_multiple
 from lbgc.errors import require, require_choice, require_positive
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.datasheet import ImuConfig
-from sim.cluster import ClusterConfig
-from sim.poses import Bench
-from sim.turntable import SceneConfig
+
+from .cluster import ClusterConfig
+from .poses import Bench
+from .turntable import SceneConfig
 
 
 @dataclass(frozen=True)

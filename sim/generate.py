@@ -3,6 +3,8 @@
 python sim/generate.py latitude=32.76
 """
 
+__package__ = __package__ or "sim"  # it has none where it runs as a script (PEP 366)
+
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -25,11 +27,12 @@ from lbgc.errors import require
 from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import plan
 from lbgc.sensor.dither import check_means
-from sim import cluster
-from sim.configuration import GenerateConfig
-from sim.physics import check_servo
-from sim.picture import try_picture
-from sim.recordings import Sensor, batches
+
+from . import cluster
+from .configuration import GenerateConfig
+from .physics import check_servo
+from .picture import try_picture
+from .recordings import Sensor, batches
 
 
 def main(config: GenerateConfig) -> Path | str:
@@ -142,6 +145,6 @@ def _recipe() -> dict:
 
 
 if __name__ == "__main__":
-    import sim.generate  # as which, and not as __main__, workers elsewhere know what is here
+    from . import generate  # as which, and not as __main__, workers elsewhere know what is here
 
-    run_main(sim.generate.main, sim.generate.GenerateConfig, "generate")
+    run_main(generate.main, generate.GenerateConfig, "generate")

@@ -21,12 +21,13 @@ from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotat
 from lbgc.protocol import REST, SETTLE, SLEW, Plan
 from lbgc.sensor import streams
 from lbgc.sensor.errors import Triple
-from sim import kinematics, sway
-from sim.disturbance import Floor, pick
-from sim.kinematics import Felt
-from sim.physics import execute, execute_resting, execute_swaying, lead_steps
-from sim.poses import Bench, Executed
-from sim.turntable import SceneConfig
+
+from . import kinematics, sway
+from .disturbance import Floor, pick
+from .kinematics import Felt
+from .physics import execute, execute_resting, execute_swaying, lead_steps
+from .poses import Bench, Executed
+from .turntable import SceneConfig
 
 _POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
 _TOGETHER_VALUES = 1e5  # of each axis, of recordings on plates that move: worked out at once

@@ -15,9 +15,10 @@ from mujoco import rollout
 from lbgc.errors import InputError
 from lbgc.frames import NED_FROM_NWU
 from lbgc.protocol import REST, SETTLE, SLEW, Move, Plan
-from sim.poses import Bench, Executed, Poses, Stretch, lean_of_axis
-from sim.sway import JOINTS, SwayConfig
-from sim.turntable import SceneConfig, load, plate_inertia
+
+from .poses import Bench, Executed, Poses, Stretch, lean_of_axis
+from .sway import JOINTS, SwayConfig
+from .turntable import SceneConfig, load, plate_inertia
 
 SETTLED_RATE = 1e-13
 """rad/s: below it a plate is taken to rest, exactly. Earth's rate is 7e-5."""

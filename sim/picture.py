@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sim.turntable import SceneConfig
+from .turntable import SceneConfig
 
 _LONGEST_S = 120
 
@@ -14,9 +14,9 @@ def try_picture(out: Path, config: SceneConfig) -> str | None:
 
     Returns None, or why there is no picture.
     """
-    script = Path(__file__).with_name("scene.py")
+    scene = (sys.executable, "-P", "-m", f"{__package__}.scene")  # from no directory of the user's
     # Of all that a scene has, the arms are what one sees.
-    command = [sys.executable, str(script), f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
+    command = [*scene, f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
     except subprocess.TimeoutExpired:

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from lbgc.frames import NED_FROM_NWU, rotation_matrix
 from lbgc.units import factor
-from sim import kinematics
-from sim.kinematics import Felt
-from sim.turntable import SceneConfig
+
+from . import kinematics
+from .kinematics import Felt
+from .turntable import SceneConfig
 
 _BLOCK_S = 5.0  # of attitudes held at once as matrices
 

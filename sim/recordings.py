@@ -13,9 +13,10 @@ from lbgc.sensor import errors, streams
 from lbgc.sensor.errors import Drawn, Surroundings
 from lbgc.sensor.imu import Timing, Triad
 from lbgc.sensor.streams import Purpose
-from sim import motion
-from sim.configuration import GenerateConfig
-from sim.motion import Draw, Truth
+
+from . import motion
+from .configuration import GenerateConfig
+from .motion import Draw, Truth
 
 _TOGETHER, _TOGETHER_VALUES = 64, 100_000
 """Recordings worked out at once, and values of each axis: they stay in the processor's cache."""

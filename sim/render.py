@@ -16,10 +16,11 @@ from tqdm import tqdm
 from lbgc.errors import InputError, require
 from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.sensor.streams import Purpose, recording
-from sim import motion, opengl
-from sim.physics import execute
-from sim.poses import Bench
-from sim.turntable import SceneConfig, load
+
+from . import motion, opengl
+from .physics import execute
+from .poses import Bench
+from .turntable import SceneConfig, load
 
 _FRAMES_A_S = 12.5  # a GIF counts in hundredths of a second
 _RATE_HZ = 100.0

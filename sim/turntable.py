@@ -6,9 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 
 from lbgc.errors import require, require_not_negative, require_positive
-from sim import opengl
-from sim.disturbance import FloorConfig
-from sim.sway import JOINTS, SwayConfig
+
+from . import opengl
+from .disturbance import FloorConfig
+from .sway import JOINTS, SwayConfig
 
 opengl.settle()
 
