@@ -47,8 +47,7 @@ _ONE_FOR_THE_OTHER = (
     "is not known, and the plate does not turn enough to tell a gyro's bias from north"
 )
 _RANK = 1e-9  # share of the largest singular value below which a direction counts as zero
-_NO_ANSWER = 1.0
-"""rad, the heading's standard deviation above which a bias cannot be told from north."""
+_NO_ANSWER = 1.0  # rad, heading's standard deviation from which on a bias hides north
 
 
 @dataclass(frozen=True)
@@ -230,11 +229,13 @@ def _centred(series: np.ndarray) -> np.ndarray:
 
 
 def _differences(series: np.ndarray) -> np.ndarray:
+    """Differences of a series, (W, T, 3), over a third of the window."""
     lag = series.shape[1] // 3
     return np.asarray(series[:, lag:] - series[:, :-lag])
 
 
 def _undifferenced(weights: np.ndarray, n: int) -> np.ndarray:
+    """The transpose of `_differences` over n samples, applied to weights, (T', 2)."""
     none = np.zeros((n // 3, weights.shape[1]))
     return np.asarray(np.concatenate([none, weights]) - np.concatenate([weights, none]))
 
@@ -249,6 +250,7 @@ _DIFFERENCES = _Form(_differences, _undifferenced)
 
 
 def _check(name: str, windows: Windows) -> None:
+    """Raise InputError where windows cannot be answered, or have fewer than 50 samples."""
     check(name, windows)
     samples = windows.gyro.shape[1]
     if samples < _LEAST_SAMPLES:
@@ -257,6 +259,7 @@ def _check(name: str, windows: Windows) -> None:
 
 
 def _align(name: str, windows: Windows, imu: ImuModel | None, form: _Form) -> Estimate:
+    """The answers of the estimator `name`, which fits the series in this form."""
     _check(name, windows)
     series = integrate(windows)
     c_ib0 = _davenport(form.of(series.alpha), form.of(series.beta))
@@ -319,8 +322,7 @@ def _davenport(alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
 
 
 def _mean_heading(c_ib0: np.ndarray, series: Series, windows: Windows) -> np.ndarray:
-    """Mean over the window of the body's heading less the plate's angle, (W,), rad, with the
-    rotation of n in i taken into account."""
+    """Mean of the body's heading less the plate's angle, (W,), rad; n turns with Earth in i."""
     t = (np.arange(series.turned.shape[1]) + 1.0) / windows.rate_hz
     heading = np.empty(len(windows))
     for latitude in np.unique(windows.latitude):
@@ -336,8 +338,7 @@ def _mean_heading(c_ib0: np.ndarray, series: Series, windows: Windows) -> np.nda
 def _sigma(
     c_ib0: np.ndarray, series: Series, form: _Form, windows: Windows, imu: ImuModel | None
 ) -> np.ndarray:
-    """Standard deviation of the heading, (W,), rad, due to the sway and, where the sensor is known,
-    to its errors.
+    """Standard deviation of the heading, (W,), rad, by the sway and, if known, the sensor's errors.
 
     A small rotation phi moves the fitted series by phi x beta, so phi is a linear regression and
     the heading's error is G' D r/(G' G), with r the error of velocity, G the heading's regressor
@@ -385,8 +386,7 @@ def _sway_variance(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.n
 
 
 def _regressor(beta: np.ndarray) -> np.ndarray:
-    """The heading's regressor, (T, 2): phi_z x beta, the derivative of horizontal velocity by the
-    heading, less what tilts could explain of it."""
+    """The heading's regressor, (T, 2): phi_z x beta, horizontal, less what tilts could explain."""
     basis, triangle = np.linalg.qr(_regressor_columns(beta, offsets=False))
     return np.asarray((basis[:, -1] * triangle[-1, -1]).reshape(2, -1).T)
 
