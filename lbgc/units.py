@@ -1,9 +1,9 @@
-"""The one place where datasheet units become SI: the unit is the end of the key's name."""
+"""Conversion of datasheet units to SI. The end of a key's name states its unit."""
 
 import math
 
 STANDARD_GRAVITY = 9.80665
-"""m/s^2: the g of datasheets, not of any place on Earth."""
+"""The g of datasheets, m/s^2; it is not gravity at any place on Earth."""
 
 DEG = math.pi / 180.0
 GAUSS = 1e-4
@@ -56,17 +56,19 @@ _LONGEST_FIRST = sorted(_SUFFIXES, key=len, reverse=True)
 
 
 def _suffix(key: str) -> str | None:
+    """The longest suffix of a key's name that is a unit."""
     return next((s for s in _LONGEST_FIRST if f"_{key}".endswith(f"_{s}")), None)
 
 
 def unit_of(key: str) -> str:
-    """The unit that a key's name states, as one writes it; empty where it states none."""
+    """The unit that a key's name states, in its usual notation; empty where it states none."""
     suffix = _suffix(key.rsplit(".", 1)[-1])
     return _SUFFIXES[suffix][1] if suffix else ""
 
 
 def factor(key: str) -> float:
-    """What one unit of this key is in SI: of arw_deg_per_sqrt_h, in rad/sqrt(s)."""
+    """One unit of this key in SI, such as 1 deg/sqrt(h) in rad/sqrt(s) for arw_deg_per_sqrt_h.
+    Raises KeyError where the key's name ends in no unit."""
     suffix = _suffix(key)
     if suffix is None:
         raise KeyError(f"the key {key!r} ends in no unit")
