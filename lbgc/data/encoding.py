@@ -48,6 +48,7 @@ def _compressed_still(first: bytes, shape: tuple[int, ...], dtype: np.dtype) -> 
 
 
 def _with_blosc(values: np.ndarray) -> bytes:
+    """A chunk compressed by Blosc, with its checksum."""
     blosc = Blosc("zstd", 1, Blosc.BITSHUFFLE, typesize=values.itemsize)
     return with_checksum(blosc.encode(values))
 

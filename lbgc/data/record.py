@@ -27,7 +27,7 @@ class Record:
     rate_hz: float
     """Samples a second"""
     latitude: float
-    """rad"""
+    """Latitude, rad"""
     heading: float | None = None
     """rad, the true heading when the encoder reads zero."""
     heading_reference: float | None = None

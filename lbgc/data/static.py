@@ -32,7 +32,7 @@ class Static:
     dt: float
     """The samples' interval, s"""
     latitude: float
-    """rad"""
+    """Latitude, rad"""
     heading: np.ndarray | None
     """(R,), rad, headings; None unless all are known"""
     session: np.ndarray | None

@@ -34,7 +34,7 @@ class Windows:
     rate_hz: float
     """Samples a second"""
     latitude: np.ndarray
-    """(W,), rad"""
+    """(W,), rad, latitude"""
     start_s: np.ndarray
     """(W,), s, when each window begins, since the recording's start"""
 

@@ -47,7 +47,7 @@ class Resting:
     force: np.ndarray
     """(3,), m/s^2, mean specific force"""
     latitude: float
-    """rad"""
+    """Latitude, rad"""
     unsteady: float
     """rad/s, 1 sigma of the means over eighths of the recording, on the axis that varies most"""
     limit: float

@@ -26,7 +26,7 @@ _SHORTEST = 16
 _ALIKE = 1.2
 """Ratio of durations up to which recordings are taken to have the same law."""
 _FALSE_ALARMS = 1e-4
-"""Chance that a set at rest is refused."""
+"""Chance that a set of recordings at rest is refused."""
 _ROUNDING = np.repeat([1e-11, 1e-8], 3)
 """Scatter of the halves' differences, rad/s and m/s^2, that is taken as rounding: far below what
 any sensor resolves."""

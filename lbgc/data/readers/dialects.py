@@ -16,7 +16,7 @@ MOST_BEFORE = 20_000
 _FOLLOWING = 10
 """Lines after the first row that are compared with it."""
 _ABOVE = 6
-"""Lines above the data among which the header is looked for."""
+"""Lines above the data, without empty ones, among which the header is looked for."""
 _LONGEST_LINE, _LONGEST_HEADER = 100_000, 10_000
 """Characters of a row and of a header, at most."""
 _BLANKS = " "
@@ -119,6 +119,7 @@ def _alike(one: Sequence[bool | None], other: Sequence[bool | None]) -> bool:
 
 
 def _has(lines: Sequence[str], first: int, character: str) -> bool:
+    """Whether a character occurs in the thousand lines from `first` on."""
     return any(character in line for line in lines[first : first + 1000])
 
 

@@ -73,6 +73,7 @@ def _finished(begun: dict[Future[Fit], Name], said: Any, say: Say) -> Iterator[t
 def _fit(
     series: np.ndarray, dt: float, corners: tuple[float, float], say: Callable[[str], None]
 ) -> Fit:
+    """Fit one axis in this process."""
     return resting_axis.fitted(series, dt, corners, say)
 
 

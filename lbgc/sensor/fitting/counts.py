@@ -29,7 +29,7 @@ from lbgc.sensor.noise import Rounding
 ENOUGH = 0.65
 """Counts of fast noise, 1 sigma, from which on rounding is plain white noise."""
 _MOST_LEVELS = 4096  # different counts of a recording, at most
-_SHAKEN = 0.15  # least half variance of differences, counts^2, for rounding errors not correlated
+_SHAKEN = 0.15  # half the variance of differences, counts^2, below which roundings are correlated
 _BLOCKS = 256  # stretches of a recording in which a slow mean is constant
 _SLOW = (0, 6, 30, 100)  # numbers of cosines that are tried for a slow mean
 _TONES = 4  # tones, at most
@@ -214,6 +214,8 @@ class _Rows:
 
 
 def _rows(y: np.ndarray, waves: np.ndarray, slow: int) -> _Rows:
+    """The rows of counts y (n,) with `slow` cosines for the mean, and with tones' waves (n, 2 T).
+    Without tones, equal counts in a stretch are one row."""
     n = len(y)
     if waves.size:
         n = min(n, _MOST_SAMPLES)

@@ -46,7 +46,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Goodness:
-    """How well a model explains a recording."""
+    """The goodness of fit of a model to a recording."""
 
     p: float
     """The p-value of all tests together: the chance that a right model looks as bad"""

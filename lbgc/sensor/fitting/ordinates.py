@@ -69,12 +69,13 @@ class Ordinates:
 
 
 def ordinates(series: np.ndarray, dt: float) -> Ordinates:
-    """Ordinates of one recording. series : (n,), unit; dt : s."""
+    """The ordinates of one recording. series : (n,), unit; dt : s."""
     return pooled(series[None], dt)
 
 
 def pooled(series: np.ndarray, dt: float) -> Ordinates:
-    """Ordinates of several recordings of one process. series : (R, n), unit; dt : s."""
+    """The ordinates of several recordings of one process, taken together: each recording's mean is
+    removed, tones are left out, and powers are summed. series : (R, n), unit; dt : s."""
     recordings, n = series.shape
     split = min(_SINGLE, n // 2) + 1
     low, power = np.empty((recordings, split - 1)), np.zeros(n - split)

@@ -19,7 +19,7 @@ from lbgc.sensor.noise import (
 @dataclass(frozen=True)
 class Shape:
     """A noise term with free parameters: the first is its coefficient, and the others are its
-    shape parameters. It can be pickled and sent to another process."""
+    shape parameters. It can be sent to another process."""
 
     names: tuple[str, ...]
     """The parameters' names, the coefficient first"""

@@ -15,7 +15,7 @@ _FALSE = 0.003
 
 @dataclass(frozen=True)
 class Tone:
-    """A spectral line too narrow to resolve: a sinusoid."""
+    """A sinusoid, that is a spectral line too narrow to be resolved."""
 
     f: float
     """Frequency, Hz"""
@@ -48,7 +48,7 @@ def sift(fine: np.ndarray, k: np.ndarray, n: int, dt: float, recordings: int) ->
     """
     if len(fine) < _GROUP:
         return Sifted((), np.ones(len(fine), bool), np.zeros(0, int))
-    level = _level(fine, recordings)  # of one recording's ordinates
+    level = _level(fine, recordings)  # for one recording
     peaks = np.flatnonzero(fine > level * scipy.stats.chi2.isf(_FALSE / len(fine), recordings))
     clusters = np.split(peaks, np.flatnonzero(np.diff(peaks) > 20) + 1) if len(peaks) else []
     plain = np.ones(len(fine), bool)
