@@ -291,16 +291,12 @@ class MooredConfig:
 
 @dataclass(frozen=True)
 class FloorConfig:
-    """The disturbances that can move the floor."""
+    """The disturbances that can move the floor, one field each."""
 
     vibration: VibrationConfig = field(default_factory=VibrationConfig)
-    """Steady vibration"""
     knocks: KnocksConfig = field(default_factory=KnocksConfig)
-    """Footsteps and doors"""
     tilting: TiltingConfig = field(default_factory=TiltingConfig)
-    """Slow tilt"""
     moored: MooredConfig = field(default_factory=MooredConfig)
-    """A moored platform"""
 
     @cached_property
     def moves(self) -> bool:
@@ -331,13 +327,14 @@ class FloorConfig:
 
 @dataclass(frozen=True)
 class Floor:
-    """The floor's motion in one recording."""
+    """The floor's motion in one recording, as drawn for each disturbance."""
 
-    vibration: Vibration  # steady vibration
-    knocks: Knocks  # footsteps and doors
-    tilting: Tilting  # slow tilt
-    moored: Moored  # a moored platform
-    moving: tuple[bool, ...]  # whether each of these four is on
+    vibration: Vibration
+    knocks: Knocks
+    tilting: Tilting
+    moored: Moored
+    moving: tuple[bool, ...]
+    """Which of the four are on."""
 
     def motion(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The floor's rotation vector, rad, and the base's velocity, m/s, (m, 3) each, at times t
@@ -357,7 +354,7 @@ class Floor:
 
     @property
     def parts(self) -> tuple[Vibration, Knocks, Tilting, Moored]:
-        """The four disturbances, in the order of `moving`."""
+        """The disturbances, in the order of `moving`."""
         return self.vibration, self.knocks, self.tilting, self.moored
 
     def values(self) -> dict[str, float | np.ndarray | int]:
