@@ -1,4 +1,4 @@
-"""The scene's picture beside a dataset."""
+"""A picture of the scene, which is put beside a dataset."""
 
 import subprocess
 import sys
@@ -10,12 +10,13 @@ _LONGEST_S = 120
 
 
 def try_picture(out: Path, config: SceneConfig) -> str | None:
-    """Render in a process of its own, so that a graphics driver's crash costs a picture only.
+    """Render the scene in a process of its own, so that a crash of the graphics driver costs only
+    the picture.
 
-    Returns None, or why there is no picture.
+    Returns None, or the reason why there is no picture.
     """
     scene = (sys.executable, "-P", "-m", f"{__package__}.scene")  # from no directory of the user's
-    # Of all that a scene has, the arms are what one sees.
+    # The arms are the only part of a scene's configuration that a picture shows.
     command = [*scene, f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)

@@ -43,7 +43,8 @@ class LeftOut:
 
     @property
     def says(self) -> int:
-        """1: better; -1: worse; 0: these recordings cannot tell (two-sided, 95%)."""
+        """Whether the correction makes headings better (1) or worse (-1); 0 where these recordings
+        cannot tell (two-sided, 95%)."""
         limit = stats.t.ppf(0.975, self.groups - 1) * self.gain_sigma
         return int(np.sign(self.gain)) if abs(self.gain) > limit else 0
 

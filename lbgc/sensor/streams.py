@@ -126,4 +126,5 @@ def figures() -> np.random.Generator:
 
 
 def _generator(entropy: int, *key: int) -> np.random.Generator:
+    """The random generator of a seed and a spawn key."""
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence(entropy, spawn_key=key)))
