@@ -33,10 +33,12 @@ class Sensor:
 
     @classmethod
     def of(cls, config: GenerateConfig) -> "Sensor":
+        """The sensor that a configuration states."""
         imu = config.imu
         return cls(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
 
     def triads(self) -> tuple[tuple[str, Triad, Purpose], ...]:
+        """Both triads, with their names in the dataset and the purposes of their random numbers."""
         return ("gyro", self.gyro, Purpose.GYRO), ("accel", self.accel, Purpose.ACCEL)
 
     def lasting(self, rows: Sequence[int]) -> dict[Purpose, Drawn]:

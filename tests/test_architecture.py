@@ -146,6 +146,16 @@ def test_the_bench_calls_itself_by_no_name():
         assert not beyond, f"{file}: what is beside it in the checkout a wheel has elsewhere"
 
 
+def test_inner_rooms_are_entered_from_one_side():
+    """A sensor's law knows nothing of its fit, and a log's readers nothing of the checks."""
+    for room, inner in (
+        ("lbgc/sensor", "lbgc.sensor.fitting"),
+        ("lbgc/data/readers", "lbgc.data.checks"),
+    ):
+        for file in (ROOT / room).glob("*.py"):
+            assert not any(name.startswith(f"{inner}.") for name in imports(file)), file
+
+
 @pytest.mark.parametrize("library", ROOMS)
 def test_libraries_keep_to_their_rooms(library):
     found = {

@@ -63,6 +63,7 @@ class Layout:
 
     @property
     def shards(self) -> int:
+        """How many shards there are."""
         return -(-self.recordings // self.shard)
 
     def chunk(self, name: str) -> int:

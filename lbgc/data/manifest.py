@@ -25,6 +25,7 @@ NONE = "is no dataset; make one with `python sim/generate.py`"
 
 
 def sha256(content: bytes) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 

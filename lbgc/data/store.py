@@ -185,18 +185,22 @@ class Dataset:
 
     @property
     def path(self) -> Path:
+        """Where the dataset lies; of one elsewhere, its URL."""
         return Path(str(self.place))
 
     @property
     def identity(self) -> str:
+        """The fingerprint of its configuration and schema."""
         return str(self._group.attrs["identity"])
 
     @property
     def configuration(self) -> dict[str, Any]:
+        """What decided its content, as `create` was given it."""
         return dict(self._group.attrs["configuration"])  # type: ignore[arg-type]
 
     @property
     def rate_hz(self) -> float:
+        """Stored values a second: samples, or means."""
         return self.layout.rate_hz
 
     def _array(self, name: str) -> zarr.Array[Any]:

@@ -148,6 +148,7 @@ class GyroConfig:
         _validate(self)
 
     def triad(self) -> Triad:
+        """The triad in SI units."""
         return to_si(self)
 
 
@@ -218,6 +219,7 @@ class AccelConfig:
         _validate(self)
 
     def triad(self) -> Triad:
+        """The triad in SI units."""
         return to_si(self)
 
 
@@ -275,6 +277,7 @@ class TimingConfig:
         require(self.dropped_share < 1, "dropped_share", self.dropped_share, "must be below 1")
 
     def timing(self) -> Timing:
+        """The same, as it acts on samples."""
         return Timing(self.jitter_s, self.dropped_share)
 
 

@@ -335,6 +335,7 @@ class BandLimited(GaussianTerm):
         )
 
     def psd(self, f: np.ndarray) -> np.ndarray:
+        """N^2 times the filter's squared gain, at f in Hz."""
         return self.N**2 * LowPass(self.bandwidth, self.damping).gain_squared(f)
 
 

@@ -41,6 +41,7 @@ class FlickerBetween:
     """Longer corner, s"""
 
     def __call__(self, b: float) -> Flicker:
+        """The term of this B."""
         return Flicker(b, self.short, self.long)
 
 
