@@ -19,6 +19,7 @@ from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, cut
 from lbgc.errors import build
+from lbgc.sensor.gaussian import GaussianTerm
 from lbgc.sensor.imu import Triad
 from sim.generate import GenerateConfig
 
@@ -52,6 +53,11 @@ def figures(triad: Triad, kind: type, name: str) -> tuple[float, ...]:
     every = [(*own, *started) for own, started in zip(triad.terms, triad.started, strict=True)]
     each = [[getattr(t, name) for t in own if isinstance(t, kind)] for own in every]
     return tuple(sum(own) for own in each)
+
+
+def with_noise(triad: Triad, *terms: GaussianTerm) -> Triad:
+    """A triad with these terms on each axis, and no tone or ramp."""
+    return replace(triad, terms=(terms,) * 3, started=((), (), ()))
 
 
 def generate(path: Path, **changes: object) -> Dataset:

@@ -32,6 +32,7 @@ GYRO = GyroConfig(
     lines=(GyroLine(20.0, 7.0, 0.5),),
     bandwidth_hz=20.0,
     g_sensitivity_deg_per_h_per_g=2.0,
+    magnetic_deg_per_h_per_gauss=2.0,
     bias_per_k_deg_per_h_per_k=0.1,
     scale_per_k_ppm_per_k=1000.0,
     tone_hz=3.1,
@@ -82,7 +83,8 @@ def prints(config: GyroConfig | AccelConfig, n: int = 3000, dt: float = 0.01) ->
     )
     rng = streams.recording(5, 1, streams.Purpose.GYRO)
     force = None if isinstance(config, AccelConfig) else np.array([[0.1], [-0.2], [-9.8]])
-    warming = Surroundings(force, rise_k=20.0, time_s=30.0)
+    field = np.array([[2e-5], [1e-5], [4e-5]])
+    warming = Surroundings(force, field, rise_k=20.0, time_s=30.0)
     return triad.measure(rng, truth, errors, n, dt, warming)[0] * (triad.output_scale(dt) or 1.0)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import composed
+from helpers import composed, with_noise
 from simulated import PROTOCOLS, windows
 
 from lbgc.bound import BoundConfig
@@ -20,6 +20,7 @@ from lbgc.estimators.plate import travel_within, usable
 from lbgc.estimators.posterior import bayes
 from lbgc.frames import euler_to_matrix, wrap
 from lbgc.sensor.imu import ImuModel
+from lbgc.sensor.noise import RandomWalk, White
 
 RATE_HZ = 10.0
 WHO = {
@@ -122,10 +123,9 @@ def test_turning_the_plate_beats_resting(drawn):
 
 def test_white_noise_reaches_the_closed_form():
     """Variance over N^2/(Omega^2 cos^2 T): 1 within four of its sampling errors."""
-    none = dict.fromkeys(("B", "K", "tone"), (0.0, 0.0, 0.0))
     known = SDC500.without("unit", "session", "run")
-    quiet = replace(known.accel, N=(1e-9,) * 3, **none)
-    imu = replace(known, gyro=replace(known.gyro, **none), accel=quiet)
+    gyro, accel = (White(N) for N in (known.gyro.N[0], 1e-9))
+    imu = replace(known, gyro=with_noise(known.gyro, gyro), accel=with_noise(known.accel, accel))
     w = windows(imu, "static", 32.76, 60.0, 2000, seed=2, interval=5.0)
     closed = white_crlb(imu.gyro.N[0], w.windows.latitude[0], 60.0)
     for name in ("mean", "gls"):
@@ -232,7 +232,8 @@ def test_the_budget_adds_up_to_the_bound():
 
 def test_a_later_window_of_a_random_walk_is_worse():
     known = SDC500.without("run")
-    walk = replace(known, gyro=replace(known.gyro, K=(2e-7,) * 3))
+    gyro = with_noise(known.gyro, *known.gyro.terms[0], RandomWalk(2e-7))
+    walk = replace(known, gyro=gyro)
     early, late = (
         crlb(information(walk, course_of(PROTOCOLS["static"], 60.0, start), site(0.0)))
         for start in (0.0, 600.0)

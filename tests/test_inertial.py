@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import composed, labelled, needs_recording
+from helpers import composed, labelled, needs_recording, with_noise
 from scipy.signal import lfilter
 from simulated import swaying
 from test_indexed import IDEAL
@@ -16,6 +16,7 @@ from lbgc.errors import InputError
 from lbgc.estimators.inertial import oba, oba_bias, oba_interval, oba_textbook
 from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import rotation_z, wrap
+from lbgc.sensor.noise import Flicker, RandomWalk, White
 
 
 def still(count, n):
@@ -75,10 +76,10 @@ def test_a_sensors_own_errors_are_in_the_sigma(of):
     residuals show next to nothing of it. 200 windows, the 10% asked for and four sampling errors;
     and what residuals show of an accelerometer's noise counts twice, up to a quarter."""
     count, n, rate = 200, 300, 10.0
-    law = {"N": (1e-5,) * 3, "B": (2e-6,) * 3, "K": (2e-7,) * 3}
     scale = 1.0 if of == "gyro" else 2.0
+    law = White(scale * 1e-5), Flicker(scale * 2e-6), RandomWalk(scale * 2e-7)
     triad = getattr(IDEAL, of).with_bias(run=(scale * 5e-6,) * 3)
-    triad = replace(triad, **{k: tuple(scale * x for x in v) for k, v in law.items()})
+    triad = with_noise(triad, *law)
     imu = replace(IDEAL, dt=1 / rate, **{of: triad})
     rng = np.random.default_rng(8)
     velocity = 1e-6 * rng.standard_normal((count, n + 1, 3))

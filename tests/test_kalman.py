@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import composed, labelled, needs_recording
+from helpers import composed, labelled, needs_recording, with_noise
 from simulated import windows
 from test_indexed import IDEAL, SDC500
 from test_inertial import rmse_deg, still, swaying
@@ -60,10 +60,8 @@ def test_it_is_near_the_optimum_and_its_sigma_true(drawn, protocol):
 
 def test_white_noise_alone():
     known = SDC500.without("unit", "session", "run")
-    none = ((), (), ())
-    white = tuple(tuple(t for t in own if t.density > 0) for own in known.gyro.terms)
-    quiet = replace(known.accel, terms=((White(1e-9),),) * 3, started=none)
-    imu = replace(known, gyro=replace(known.gyro, terms=white, started=none), accel=quiet)
+    gyro, accel = (White(N) for N in (known.gyro.N[0], 1e-9))
+    imu = replace(known, gyro=with_noise(known.gyro, gyro), accel=with_noise(known.accel, accel))
     w = windows(imu, "static", 32.76, 60.0, 1000, seed=2, interval=5.0)
     found = ekf(w.windows, imu)
     assert nse(found, w) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 1000))

@@ -171,7 +171,7 @@ def test_a_streamed_bench_is_the_stored_one(tmp_path):
     stored = stack(made.records(np.arange(2)), 1.0)
     source = Streamed.of(made, np.arange(2), stored)
     inside = slice(2, -2)
-    rate, force = source._truth(np.arange(2), stored.heading, inside)
+    rate, force, _ = source._truth(np.arange(2), stored.heading, inside)
     for felt, printed, atol in (
         (rate, stored.windows.gyro, 3e-7),
         (force, stored.windows.accel, 1e-4),

@@ -34,6 +34,7 @@ from lbgc.earth import normal_gravity
 from lbgc.estimators.static import mean
 from lbgc.protocol import plan
 from lbgc.sensor import streams
+from lbgc.sensor.imu import ALONE
 from lbgc.sensor.streams import Purpose
 from sim import physics, turntable
 from sim.generate import GenerateConfig
@@ -81,7 +82,7 @@ def means(count: int) -> Work:
             rows = range(first, first + 64)
             for (_, triad, purpose), truth in zip(sensor.triads(), truths, strict=True):
                 rngs, errors = sensor.drawn(triad, purpose, rows, lasting[purpose])
-                sensor.measure(triad, rngs, np.broadcast_to(truth, (64, 3, 1)), errors, None)
+                sensor.measure(triad, rngs, np.broadcast_to(truth, (64, 3, 1)), errors, ALONE)
 
     return work
 
