@@ -167,7 +167,7 @@ class _Sums:
     def figures(self, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Each figure for each row of weights (B, R): name -> (B,)."""
         total = weights @ self._by_recording(np.ones_like(self.size))
-        q25, q50, q75, q95 = (self._quantile(p, weights, total) for p in (0.25, 0.5, 0.75, 0.95))
+        q25, q50, q75, q95 = self._quantiles(np.array([0.25, 0.5, 0.75, 0.95]), weights)
 
         def mean_square(values: np.ndarray) -> np.ndarray:
             return np.asarray(weights @ self._by_recording(values**2) / total)
@@ -184,32 +184,16 @@ class _Sums:
         return found
 
     def _by_recording(self, values: np.ndarray) -> np.ndarray:
-        """Sums over the first len(values) windows, (R,)."""
-        return np.bincount(self.own[: len(values)], values, self.recordings)
+        """Sums over each recording's windows, (R,)."""
+        return np.bincount(self.own, values)
 
-    def _quantile(self, share: float, weights: np.ndarray, total: np.ndarray) -> np.ndarray:
-        """(B,): with equal weights NumPy's linear rule. Resamples differ little, so that only the
-        sizes about the quantile are gone through, and more where that was not enough."""
-        place = share * (total - 1)
-        low, high = np.floor(place), np.ceil(place)
-        count, reach = len(self.size), 8 * np.sqrt(share * (1 - share) / self.recordings)
-        while True:
-            first = max(0, int((share - reach) * count))
-            last = min(count, int((share + reach) * count) + 1)
-            before = weights @ self._by_recording(np.ones(first))
-            inside = weights @ np.bincount(self.own[first:last], minlength=self.recordings)
-            if np.all(before <= low) and np.all(before + inside > high):
-                break
-            reach *= 2
-        found = np.empty(len(weights))
-        rows = max(1, int(_WEIGHTS // (last - first)))
-        for at in range(0, len(weights), rows):
-            part = slice(at, at + rows)
-            below = before[part, None] + np.cumsum(weights[part][:, self.own[first:last]], axis=1)
-            left, right = (
-                self.size[first + np.sum(below <= ends[part, None], axis=1)] for ends in (low, high)
-            )
-            found[part] = left + (place - low)[part] * (right - left)
+    def _quantiles(self, shares: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(P, B), by NumPy's linear rule: what repeats sizes in their order is in order itself,
+        which np.quantile cannot know; so it takes half the time or less."""
+        found = np.empty((len(shares), len(weights)))
+        for at, times in enumerate(weights.astype(int)):
+            drawn = np.repeat(self.size, times[self.own])
+            found[:, at] = np.interp(shares * (len(drawn) - 1), np.arange(len(drawn)), drawn)
         return found
 
 
