@@ -93,11 +93,7 @@ def summarise(
     if recording is not None and len(size) > 1:
         parts = [sums.figures(weights) for weights in _resamples(sums.recordings)]
         drawn = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        intervals = {
-            name: (float(low), float(high))
-            for name, values in drawn.items()
-            for low, high in [np.percentile(values, [2.5, 97.5])]
-        }
+        intervals = {name: _interval(values) for name, values in drawn.items()}
     return Summary(
         windows=len(size),
         independent=sums.recordings,
@@ -127,8 +123,14 @@ def rmse_ratio(errors: np.ndarray, others: np.ndarray, recording: np.ndarray) ->
         np.sqrt((weights @ squares[0]) / (weights @ squares[1]))
         for weights in _resamples(len(squares[0]))
     ]
-    low, high = np.percentile(np.concatenate(drawn), [2.5, 97.5])
-    return Ratio(float(np.sqrt(squares[0].sum() / squares[1].sum())), float(low), float(high))
+    value = float(np.sqrt(squares[0].sum() / squares[1].sum()))
+    return Ratio(value, *_interval(np.concatenate(drawn)))
+
+
+def _interval(drawn: np.ndarray) -> tuple[float, float]:
+    """95% of what was drawn, (B,)."""
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(low), float(high)
 
 
 def _numbers(recording: np.ndarray) -> np.ndarray:
@@ -205,8 +207,7 @@ def rmse_interval(errors: np.ndarray, recording: np.ndarray) -> tuple[float, flo
     own = _numbers(recording)
     squares, windows = np.bincount(own, errors**2), np.bincount(own)
     drawn = [np.sqrt((w @ squares) / (w @ windows)) for w in _resamples(len(squares))]
-    low, high = np.percentile(np.concatenate(drawn), [2.5, 97.5])
-    return float(low), float(high)
+    return _interval(np.concatenate(drawn))
 
 
 @dataclass(frozen=True)

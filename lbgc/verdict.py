@@ -32,6 +32,8 @@ _MEDIAN = np.sqrt(2 * np.log(2.0))
 """Median length of two standard normals: a residual has two parts that no heading explains."""
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
 _SHAKEN = 3.0
+_LEAST = 1e-5 * EARTH_RATE
+"""rad/s: a rate without any noise is not known better."""
 _RESTS = np.deg2rad(0.01)
 
 
@@ -95,7 +97,7 @@ def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None
         stated = None if imu is None else stated_errors(imu.gyro, record.duration_s)
         noise = mean_noise(record.gyro)
         rate, force = record.gyro.mean(axis=0), record.accel.mean(axis=0)
-        sigma = np.sqrt(noise**2 + (0.0 if stated is None else stated**2) + _least() ** 2)
+        sigma = np.sqrt(noise**2 + (0.0 if stated is None else stated**2) + _LEAST**2)
         chi, off = residual(rate, force, record.latitude, sigma)
         down = -force / np.linalg.norm(force)
         figures = np.linalg.norm(rate), down @ off, np.linalg.norm(off), np.mean(noise)
@@ -109,11 +111,6 @@ def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None
     usual = 0.0 if imu is None else _stated_scatter(imu)
     shaken = at_once / (usual or white) if usual or white else 1.0
     return Evidence(mean_rate, vertical, off, noise, white, shaken, float(np.mean(every[:, 6])))
-
-
-def _least() -> float:
-    """rad/s: a rate without any noise is not known better."""
-    return 1e-5 * EARTH_RATE
 
 
 def _white(record: Record) -> tuple[float, float]:

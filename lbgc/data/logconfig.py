@@ -102,10 +102,8 @@ class LogConfig:
             require_axes("accel_axes", self.accel_axes)
         for name in self.accept:
             require_choice("accept", name, CHECKS)
-        for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h"):
+        for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
-        if self.bias_limit_deg_per_h is not None:
-            require_positive("bias_limit_deg_per_h", self.bias_limit_deg_per_h)
         if self.rate_hz is not None:
             good = 0 < self.rate_hz < np.inf
             require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")

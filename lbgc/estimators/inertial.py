@@ -266,6 +266,7 @@ def integrate(windows: Windows) -> Series:
     """Attitude by the samples' rotation vectors, velocity by their forces turned half-way."""
     w, n, dt = len(windows), windows.gyro.shape[1], 1 / windows.rate_hz
     angle = windows.gyro * dt
+    # A fifth of the time of lbgc.frames.rotation_matrix, whose last bits do not matter here.
     step = Rotation.from_rotvec(angle.reshape(-1, 3)).as_matrix().reshape(w, n, 3, 3)
     turned = np.empty((w, n, 3, 3))
     at = np.broadcast_to(np.eye(3), (w, 3, 3))

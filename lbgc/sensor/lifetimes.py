@@ -27,7 +27,6 @@ class Lifetimes:
     """Degrees of freedom of that standard error"""
     run_sigma: np.ndarray
     """(A,), spread of the recordings about it, about their session's where there are several"""
-    run_freedom: int
     session_sigma: np.ndarray | None
     """(A,), spread of the sessions' own, zero where the scatter within sessions explains theirs;
     None where there is one session, or as many as recordings"""
@@ -65,7 +64,7 @@ def by_lifetime(
         spread = np.sqrt(square)
         sigma = spread / np.sqrt(count)
         interval = _of_spread(square, freedom)
-        return Lifetimes(error.mean(axis=0), sigma, freedom, spread, freedom, None, interval, None)
+        return Lifetimes(error.mean(axis=0), sigma, freedom, spread, None, interval, None)
     means = np.stack([error[which == s].mean(axis=0) for s in range(groups)])
     inner, outer = count - groups - within, groups - 1 - between
     inside = np.sum((error - means[which]) ** 2, axis=0) / inner
@@ -79,7 +78,6 @@ def by_lifetime(
         bias_sigma=1 / np.sqrt(weight.sum(axis=0)),
         bias_freedom=outer,
         run_sigma=np.sqrt(inside),
-        run_freedom=inner,
         session_sigma=np.sqrt(variance),
         run_interval=_of_spread(inside, inner),
         session_interval=_of_sessions(among, inside, outer, inner, effective),

@@ -35,8 +35,8 @@ def recording(seed: int, index: int, purpose: Purpose) -> np.random.Generator:
 
 
 def recordings(seed: int, rows: Sequence[int], purpose: Purpose) -> list[np.random.Generator]:
-    """`recording` of each (rows below 2^32), seeded together in a fifth of the time, which is
-    much where a recording is a few means."""
+    """`recording` of each (rows below 2^32), seeded together in a fifth of the time: with one after
+    the other 3000 recordings of means take 22% longer in memory, and 13% in `generate`."""
     words = _seeds(seed, np.array(rows, np.uint32), purpose)
     seeds = map(_Seed, words)
     return [np.random.Generator(np.random.SFC64(own)) for own in seeds]  # type: ignore[arg-type]
