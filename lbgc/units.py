@@ -87,3 +87,13 @@ VELOCITY_UNITS: dict[str, float] = {
     "g*s": STANDARD_GRAVITY,
     "ug*s": 1e-6 * STANDARD_GRAVITY,
 }
+
+
+def rate_factor(unit: str, rate_hz: float) -> float:
+    """rad/s in this unit of a rate, or of a rate's increments at so many samples a second."""
+    return RATE_UNITS[unit] if unit in RATE_UNITS else ANGLE_UNITS[unit] * rate_hz
+
+
+def force_factor(unit: str, rate_hz: float) -> float:
+    """m/s^2 in this unit of a force, or of a force's increments at so many samples a second."""
+    return FORCE_UNITS[unit] if unit in FORCE_UNITS else VELOCITY_UNITS[unit] * rate_hz

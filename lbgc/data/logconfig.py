@@ -114,6 +114,11 @@ class LogConfig:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
 
     @property
+    def axes_of_accel(self) -> list[str]:
+        """The accelerometers' own axes, or the gyros'."""
+        return self.axes if self.accel_axes is None else self.accel_axes
+
+    @property
     def bias_limit(self) -> float | None:
         """rad/s, the limit that the user knows."""
         limit = self.bias_limit_deg_per_h

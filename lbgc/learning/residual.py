@@ -9,7 +9,6 @@ known of both, however the plate turns. Sine and cosine of the estimate are give
 that always stays with the body moves the heading by a function of it.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -82,17 +81,9 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
     lengths = np.full(len(windows), length)
     fixed = np.stack([np.sin(base), np.cos(base), lengths, place], axis=-1)[:, None]
     parts = [part * used for channel in config.channels for part in columns[channel]()]
-    return _side_by_side([*parts, fixed], windows.plate_angle.shape)
-
-
-def _side_by_side(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """Features of each (W, T or 1, C), as one float32 array."""
-    out = np.empty((*shape, sum(part.shape[-1] for part in parts)), np.float32)
-    first = 0
-    for part in parts:
-        out[..., first : first + part.shape[-1]] = part
-        first += part.shape[-1]
-    return out
+    size = windows.plate_angle.shape
+    every = [np.broadcast_to(part, (*size, part.shape[-1])) for part in (*parts, fixed)]
+    return np.concatenate(every, axis=-1, dtype=np.float32)
 
 
 def _levelled(windows: Windows, angle: np.ndarray) -> np.ndarray:
