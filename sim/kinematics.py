@@ -17,11 +17,15 @@ serves every latitude and azimuth:
     f_ib_b     = acceleration - mean(C)' g + coriolis Omega,   coriolis = mean(C' (-2 [v x]))
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from lbgc.frames import rotation_vector
+
+Arrays = TypeVar("Arrays")
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,7 @@ def _rows_cross(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return out
 
 
-def joined(parts: list[Felt]) -> Felt:
-    """Consecutive stretches as one."""
-    return Felt(*(np.concatenate([getattr(p, name) for p in parts]) for name in vars(parts[0])))
+def joined(parts: Sequence[Arrays]) -> Arrays:
+    """Consecutive stretches as one: dataclasses of arrays, such as `Felt`."""
+    every = ([getattr(part, name) for part in parts] for name in vars(parts[0]))
+    return type(parts[0])(*map(np.concatenate, every))

@@ -15,6 +15,7 @@ from mujoco import rollout
 from lbgc.errors import InputError
 from lbgc.frames import NED_FROM_NWU
 from lbgc.protocol import REST, SETTLE, SLEW, Move, Plan
+from sim.kinematics import joined
 from sim.poses import Bench, Executed, Poses, Stretch, lean_of_axis
 from sim.sway import JOINTS, SwayConfig
 from sim.turntable import SceneConfig, load, plate_inertia
@@ -204,13 +205,9 @@ def execute_swaying(
             own.append(_poses(model, sensed[max(lead - 1 - begin, 0) :]))
         if begin <= lead < begin + count:
             controls = [_control(bench.scene, model, sensed[lead - begin]) for sensed in sensors]
-    joined = [
-        Poses(*(np.concatenate([getattr(p, n) for p in own]) for n in vars(own[0])))
-        for own in parts
-    ]
     return [
-        Executed(bench, (Stretch(0, bench.samples, poses, rest.stage),), own, rest.settling_s)
-        for poses, rest, own in zip(joined, still, controls, strict=True)
+        Executed(bench, (Stretch(0, bench.samples, joined(own), rest.stage),), at, rest.settling_s)
+        for own, rest, at in zip(parts, still, controls, strict=True)
     ]
 
 
