@@ -15,7 +15,7 @@ endif
 # SENSOR-PROTOCOL; what a learner can have of each: see lbgc/learning/pretrained.py
 PRETRAINED := sdc500-static sdc500-two_position sdc500-carousel stim300-two_position kvh1775-two_position
 
-.PHONY: help install demo test check format golden bench study picture pretrained clean
+.PHONY: help install demo test check format golden keys bench study picture pretrained clean
 
 help:
 	@echo "make demo      generate, train, evaluate, report (after the install: two minutes)"
@@ -23,6 +23,7 @@ help:
 	@echo "make check     lint, formatting and types"
 	@echo "make format    put the code into the house style"
 	@echo "make golden    record anew what must not change, tests/golden/ (and say why in the CHANGELOG)"
+	@echo "make keys      write docs/keys.md, every key of imu, scene and protocol, anew"
 	@echo "make picture   draw the README's pictures, docs/turntable.png and slew.gif, anew"
 	@echo "make pretrained  train the small models that come with the package, lbgc/pretrained/, anew"
 	@echo "make bench     speed against the machine's limits, to outputs/bench/"
@@ -71,6 +72,9 @@ format: $(STAMP)
 
 golden: $(STAMP)
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python tests/recording.py
+
+keys: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python tests/keys.py
 
 # One core is what most figures are for.
 bench: $(PEERS)

@@ -1,4 +1,4 @@
-"""What estimators answered to every window, and why one did not."""
+"""All estimators' answers to all windows, and the reasons where one refuses."""
 
 import csv
 import io
@@ -22,9 +22,9 @@ from lbgc.sensor.imu import ImuModel
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Estimators answer in one thread meanwhile, so that processor time is what an answer takes:
-    threads that wait for each other spend it too."""
-    torch = sys.modules.get("torch")  # where nothing was learned it is not there
+    """Limit all arithmetic to one thread inside the `with` block, so that the processor time of an
+    answer is what it takes: threads that wait for each other spend processor time too."""
+    torch = sys.modules.get("torch")  # absent unless a network is evaluated
     before = torch.get_num_threads() if torch else 1
     with threadpool_limits(1):
         try:
@@ -38,17 +38,18 @@ def one_thread() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Own:
-    """What an estimator is not told of W windows."""
+    """The facts of W windows that estimators are not told: headings and recordings."""
 
     heading: np.ndarray
-    """(W,), rad, that errors are taken from; NaN where nobody knows it"""
+    """(W,), rad, headings that errors are relative to; NaN where they are not known"""
     recording: np.ndarray
-    """(W,), the number of the recording that each is of"""
+    """(W,), number of each window's recording"""
 
 
 @dataclass
 class Answers:
-    """Answers of one estimator at one window length, recording by recording."""
+    """Answers of one estimator at one window length, one array for each call of the estimator;
+    angles in rad."""
 
     errors: list[np.ndarray] = field(default_factory=list)
     sigma: list[np.ndarray] = field(default_factory=list)
@@ -58,10 +59,12 @@ class Answers:
     start_s: list[np.ndarray] = field(default_factory=list)
     recording: list[np.ndarray] = field(default_factory=list)
     seconds: float = 0.0
+    """Processor time of all answers."""
     at_least: bool = False
     """Whether sigmas are lower bounds."""
 
     def add(self, estimate: Estimate, windows: Windows, own: Own, seconds: float) -> None:
+        """Add the answers to some windows. seconds : processor time that they took."""
         self.errors.append(heading_errors(estimate.heading, own.heading))
         self.sigma.append(estimate.sigma)
         self.estimate.append(estimate.heading)
@@ -73,15 +76,18 @@ class Answers:
         self.at_least |= estimate.at_least
 
     def all_of(self, name: str) -> np.ndarray:
+        """The values of one field for all windows, (W,)."""
         return np.concatenate(getattr(self, name))
 
     def summary(self) -> Summary:
+        """The figures of the errors of all windows."""
         names = ("errors", "latitude", "sigma", "recording")
         errors, latitude, sigma, recording = (self.all_of(name) for name in names)
         return summarise(errors, latitude, sigma, recording, self.seconds, self.at_least)
 
     def headings(self, names: Sequence[str]) -> list[Headings]:
-        """What was answered, recording by recording. names : of all recordings, by number."""
+        """The estimated headings and sigmas, recording by recording. names : of all recordings, by
+        number."""
         recording, start_s = self.all_of("recording"), self.all_of("start_s")
         heading = np.mod(np.rad2deg(self.all_of("estimate")), 360)
         sigma = np.rad2deg(self.all_of("sigma"))
@@ -94,7 +100,7 @@ class Answers:
 
 @dataclass
 class Evaluation:
-    """Every estimator's answers, and why one has none."""
+    """Every estimator's answers, and the reasons for those that are missing."""
 
     recordings: list[str] = field(default_factory=list)
     """Names of the recordings, by number."""
@@ -111,8 +117,9 @@ class Evaluation:
         imu: ImuModel | None,
         own: Own,
     ) -> None:
-        """One that refuses windows is asked no more at this length: figures over some recordings
-        would not compare with figures over all."""
+        """Ask an estimator for windows of one length and keep its answers. One that refuses windows
+        is not asked again at this length, and its answers are dropped: figures over some recordings
+        do not compare with figures over all. key : its name and the window length, s."""
         if key in self.refused:
             return
         started = time.process_time()
@@ -126,8 +133,8 @@ class Evaluation:
         self.answers.setdefault(key, Answers()).add(found, windows, own, seconds)
 
     def why_not(self) -> list[str]:
-        """A line for each estimator, with its window lengths and the shortest one's reason: the
-        others' differ in their figures; results.json has them all."""
+        """A line for each estimator that refused: at which window lengths, and the reason at the
+        shortest. Reasons at others differ in their figures only; results.json has them all."""
         own: dict[str, dict[float, str]] = defaultdict(dict)
         for (name, window), reason in self.refused.items():
             own[name][window] = reason
@@ -137,7 +144,7 @@ class Evaluation:
         ]
 
     def as_csv(self) -> str:
-        """A line for each window and estimator; angles in degrees, blank where unknown."""
+        """CSV with a line for each window and estimator; angles in degrees, blank where unknown."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         names = ("heading_deg", "estimate_deg", "error_deg", "sigma_deg")

@@ -1,4 +1,4 @@
-"""How well anyone can find north with this sensor, and what limits it.
+"""The least heading error that any estimator can have with this sensor, and the error budget.
 
 python lbgc/bound.py imu=stim300 protocol=two_position latitude=60
 
@@ -27,41 +27,43 @@ from lbgc.estimators.floor import (
 from lbgc.estimators.information import Information, budget, information
 from lbgc.estimators.least_squares import LEANS
 from lbgc.estimators.posterior import AS_LENGTHS
+from lbgc.estimators.reduced_order import When, like_north
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig
 from lbgc.report.figures import bound_against_time, png
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import unstated, warnings
-from lbgc.sensor.errors import LIFETIMES
+from lbgc.sensor.errors import FIELD, LIFETIMES
 from lbgc.sensor.imu import ImuModel
 
 MOST_LEAN = float(np.rad2deg(LEANS))
+"""Largest lean of the base, degrees."""
 
 
 @dataclass(frozen=True)
 class BoundConfig:
-    """What `conf/bound.yaml` holds."""
+    """The keys of `conf/bound.yaml`."""
 
     latitude: float = 32.76
     """degrees, north positive"""
     height_m: float = 0.0
     """Height above the ellipsoid."""
     rate_hz: float = 600.0
-    """Samples a second of the IMU: counts add noise by it."""
+    """Samples a second of the IMU, on which the noise of counts depends."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 120.0, 240.0])
     """Window lengths; the budget is of the longest."""
     start_s: float = 0.0
-    """Start of the windows in the recording: a random walk and warming up go on before."""
+    """Start of the windows in the recording: a random walk and warming up begin before it."""
     known: list[str] = field(default_factory=list)
     """Lifetimes whose errors are known: unit, session, run."""
     reference_error_deg: float = 0.0
-    """1 sigma of the reference that errors are taken from; 0: from the truth."""
+    """1 sigma of the reference that errors are relative to; 0: they are relative to the truth."""
     lean_deg: float = 0.0
-    """How far the base leans; the bounds are of the direction that is worst."""
+    """Angle by which the base leans; the bounds are for the worst direction of leaning."""
     level_error_deg: float = 0.0
-    """1 sigma of what levelling the base leaves in roll and in pitch, new every time, besides."""
+    """1 sigma of a further roll and pitch that levelling the base leaves, new every time."""
     settle_s: float = SETTLE_S
-    """What the servo takes to bring the plate to rest after each slew, as on the bench of sim/."""
+    """Time in which the servo brings the plate to rest after a slew, as on the bench of sim/."""
     imu: ImuConfig = field(default_factory=ImuConfig)
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
 
@@ -90,11 +92,13 @@ class BoundConfig:
 
     @property
     def site(self) -> Site:
+        """The place at this latitude and height."""
         latitude = float(np.deg2rad(self.latitude))
         return Site(latitude, normal_gravity(latitude, self.height_m))
 
     @property
     def model(self) -> ImuModel:
+        """The sensor's error model without the errors that are known."""
         return self.imu.model(self.rate_hz).without(*self.known)
 
 
@@ -115,7 +119,8 @@ def main(config: BoundConfig) -> Path:
         lengths = ", ".join(f"{w:g}" for w in short)
         print(f"windows of {lengths} s are too short for {config.protocol.name}")
     shortest = min(r["window_s"] for r in rows)
-    for line in (*unstated(config.imu.model(config.rate_hz)), *warnings(config.model, shortest)):
+    said = unstated(config.imu.model(config.rate_hz)), warnings(config.model, shortest)
+    for line in (*said[0], *said[1], *_mimicking(config)):
         print(line)
     print(table(config, rows))
     print(budget_table(parts, longest["window_s"]))
@@ -129,7 +134,8 @@ def main(config: BoundConfig) -> Path:
 
 
 def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, float]]:
-    """crlb and expected floor, degrees, at each window that is long enough for the protocol."""
+    """crlb and expected floor, degrees, at each window length that holds the protocol, and the lean
+    that is worst."""
     reference = float(np.deg2rad(config.reference_error_deg))
     rows = []
     for window in sorted(config.windows_s):
@@ -137,8 +143,13 @@ def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, floa
             course = course_of(protocol, window, config.start_s, config.settle_s)
         except InputError:
             continue
-        lean = max(_leans(config), key=lambda lean: small_errors(_told(config, course, lean)))
-        nearby = [(p, _told(config, course, n)) for p, n in _about(lean, config.level_error_deg)]
+        lean = max(
+            _leans(config), key=lambda lean: small_errors(_information(config, course, lean))
+        )
+        nearby = [
+            (p, _information(config, course, n))
+            for p, n in _spread_about(lean, config.level_error_deg)
+        ]
         closed = float(np.sqrt(sum(p * small_errors(told) for p, told in nearby) + reference**2))
         draws = DRAWS // len(nearby)
         errors = [p * expected_floor(told, draws=draws) ** 2 for p, told in nearby]
@@ -154,21 +165,39 @@ def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, floa
     return rows
 
 
-def _told(config: BoundConfig, course: Course, lean: tuple[float, float]) -> Information:
+def _mimicking(config: BoundConfig) -> list[str]:
+    """What to say of a magnetic sensitivity."""
+    model, one = config.model, np.ones(1)
+    if not model.feels_field:
+        return []
+    gyro = replace(model.gyro, drawn=tuple(e for e in model.gyro.drawn if e.follows == FIELD))
+    when = When(0.0, 0 * one, config.site.latitude * one, config.site.gravity * one)
+    turn = np.linspace(0, 2 * np.pi, 8, endpoint=False)[None]
+    rate = np.sqrt(like_north(replace(model, gyro=gyro), when, turn)[0]) / config.site.north
+    return [
+        f"MIMICS NORTH: {np.rad2deg(rate):.3g} deg (1 sigma) of what the gyros make of the "
+        "magnetic field turns as Earth's rate does: no schedule about the vertical takes it out"
+    ]
+
+
+def _information(config: BoundConfig, course: Course, lean: tuple[float, float]) -> Information:
+    """The information on the heading in a course on a base that leans by roll and pitch, rad."""
     return information(config.model, course, config.site, lean=lean)
 
 
 def _leans(config: BoundConfig) -> list[tuple[float, float]]:
-    """Roll and pitch, rad, of a base that leans so far, every thirty degrees round."""
+    """Roll and pitch, rad, of a base that leans by `lean_deg`, every thirty degrees round."""
     if config.lean_deg == 0:
         return [(0.0, 0.0)]
     at, size = np.deg2rad(np.arange(0, 360, 30.0)), np.deg2rad(config.lean_deg)
     return [(float(size * np.cos(a)), float(size * np.sin(a))) for a in at]
 
 
-def _about(lean: tuple[float, float], error_deg: float) -> list[tuple[float, tuple[float, float]]]:
-    """Leans of bases that are levelled to this error, and their shares, whose mean squares are
-    those of a normal law (Gauss and Hermite's three points in roll and in pitch)."""
+def _spread_about(
+    lean: tuple[float, float], error_deg: float
+) -> list[tuple[float, tuple[float, float]]]:
+    """Leans about this one, and their weights, by which means over a normally distributed error of
+    levelling are taken: Gauss and Hermite's three points in roll and in pitch."""
     if error_deg == 0:
         return [(1.0, lean)]
     points = [(1 / 6, -np.sqrt(3.0)), (2 / 3, 0.0), (1 / 6, np.sqrt(3.0))]
@@ -181,6 +210,7 @@ def _about(lean: tuple[float, float], error_deg: float) -> list[tuple[float, tup
 
 
 def table(config: BoundConfig, rows: Sequence[dict[str, float]]) -> str:
+    """The bounds as text, degrees. rows : see `bounds`."""
     lines = [
         f"{config.imu.name}, {config.protocol.name}, latitude {config.latitude:g}: degrees",
         f"{'window':>9s} {'floor':>8s} {'crlb':>8s} {'floor·cos(lat)':>15s} {'95%':>8s}",
@@ -202,6 +232,7 @@ def table(config: BoundConfig, rows: Sequence[dict[str, float]]) -> str:
 
 
 def budget_table(parts: dict[str, float], window_s: float) -> str:
+    """The error budget as text. parts : cause -> its share of the error, rad RMS."""
     total = float(np.sqrt(sum(v**2 for v in parts.values())))
     lines = [f"what makes it up, {window_s:g} s, errors small: degrees and share of the variance"]
     for name, size in sorted(parts.items(), key=lambda item: -item[1]):
@@ -210,7 +241,8 @@ def budget_table(parts: dict[str, float], window_s: float) -> str:
 
 
 def _curves(config: BoundConfig) -> dict[str, tuple[list[float], list[float]]]:
-    """Expected floor against time of the chosen protocol, and of one of each kind beside it."""
+    """Window lengths, s, and expected floors, degrees, of the chosen protocol, and for comparison
+    of a static, a two-position, a four-position and a carousel one, by name."""
     own = config.protocol
     kinds: list[tuple[str, str, tuple[float, ...]]] = [
         ("static", "static", (0.0,)),

@@ -1,4 +1,4 @@
-"""What repeats of one unit's gyro error, and what taking it out does to the heading.
+"""Calibrate the repeatable gyro error of one unit, and test what taking it out does to the heading.
 
 python lbgc/calibrate.py means=FILE latitude=32.76
 python lbgc/calibrate.py data=PATH
@@ -27,14 +27,15 @@ from lbgc.units import DEG, HOUR
 COLUMNS = ("heading_deg", "gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
 FORCES = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
 _ONE_SIDED = 0.4
-"""Length of the headings' mean direction, 1 where they are all one, from which it is said."""
+"""Length of the mean of exp(i heading), 1 where all headings are equal, above which a note says
+that they are on one side."""
 _LEANT = 1e-3
-"""Scale per deg/h/g from which it is said."""
+"""Apparent scale factor error for 1 deg/h/g of g-sensitivity, above which a note mentions it."""
 
 
 @dataclass(frozen=True)
 class CalibrateConfig:
-    """What `conf/calibrate.yaml` holds."""
+    """The keys of `conf/calibrate.yaml`."""
 
     means: str | None = None
     """A CSV file of recording means: heading_deg, gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s; where
@@ -55,23 +56,23 @@ class CalibrateConfig:
 
 @dataclass(frozen=True)
 class Given:
-    """What there is to calibrate from."""
+    """The input of a calibration: the means of R resting recordings, levelled where possible."""
 
     name: str
     means: rest.Means
     session: np.ndarray | None
-    """(R,), where known"""
+    """(R,), number of each recording's session; None where it is not known"""
     tilt: tuple[np.ndarray, np.ndarray] | None
-    """Roll and pitch, (R,) each, rad; None where nothing says"""
+    """Roll and pitch, (R,) each, rad; None without accelerometers"""
 
 
 def main(config: CalibrateConfig) -> Path:
-    """Calibrate, print what was found, write it as JSON; return the file."""
+    """Calibrate, print the results, write them as JSON, and return the file's path."""
     given = _read(config)
     require_sound(given)
     means = given.means
     found = calibrate(means.rates, means.heading, means.latitude, given.session, given.tilt)
-    print(report(found, given.name, [*_notes(given), *_coarse(means.rates, found.run_sigma)]))
+    print(report(found, given.name, [*_notes(given), *_coarse_steps(means.rates, found.run_sigma)]))
     directory = task_directory("calibrate", fingerprint({**asdict(config), "name": given.name}))
     write_atomically(directory / "calibration.json", as_json(asdict(found)) + "\n")
     mark_latest(directory)
@@ -79,9 +80,10 @@ def main(config: CalibrateConfig) -> Path:
 
 
 def _read(config: CalibrateConfig) -> Given:
+    """The input that the configuration names: a table of means, a dataset, or a log."""
     if config.means is not None:
         assert config.latitude is not None
-        return _table(config.means, config.latitude * DEG)
+        return _read_table(config.means, config.latitude * DEG)
     session = None
     if config.data is not None:
         dataset = Dataset.open_finished(config.data)
@@ -96,13 +98,14 @@ def _read(config: CalibrateConfig) -> Given:
 
 
 def given_of(records: Iterable[Record], name: str, session: np.ndarray | None) -> Given:
-    """Recordings' means, levelled. Raises InputError where one does not rest."""
+    """The means of recordings, levelled by their accelerometers. Raises InputError where one does
+    not rest."""
     means = rest.means(records)
     return Given(name, means, session, tilts_of(means.force, means.names))
 
 
-def _table(path: str, latitude: float) -> Given:
-    """A CSV file of means."""
+def _read_table(path: str, latitude: float) -> Given:
+    """The means in a CSV file; latitude : rad."""
     table = logs.columns(path, COLUMNS, optional=("session",))
     session = table[:, 4] if table.shape[1] > 4 else None
     names = tuple(f"{path}, row {row}" for row in range(len(table)))
@@ -117,7 +120,7 @@ def _table(path: str, latitude: float) -> Given:
 
 
 def require_sound(given: Given) -> None:
-    """Raises InputError where there is too little, or one recording is none of the others'."""
+    """Raise InputError where there are too few recordings, or one contradicts the others."""
     means = given.means
     count = len(means.rates)
     if count < FEWEST:
@@ -140,13 +143,14 @@ def require_sound(given: Given) -> None:
         )
 
 
-def _coarse(rates: np.ndarray, scatter: np.ndarray) -> list[str]:
-    """Whether rates (R, 3) are printed no finer than they scatter, (3,), rad/s."""
+def _coarse_steps(rates: np.ndarray, scatter: np.ndarray) -> list[str]:
+    """Notes on axes whose rates, (R, 3), are printed in steps no finer than they scatter, (3,);
+    both rad/s."""
     notes = []
     for axis, label in enumerate(AXES):
         values = np.unique(rates[:, axis])
         if len(values) == len(rates):
-            continue  # what has no steps never repeats
+            continue  # values in coarse steps would repeat
         steps = np.diff(values)
         steps = steps[steps > 1e-9 * np.abs(rates[:, axis]).max()]
         step = float(steps.min(initial=np.inf))
@@ -160,7 +164,7 @@ def _coarse(rates: np.ndarray, scatter: np.ndarray) -> list[str]:
 
 
 def _notes(given: Given) -> list[str]:
-    """What a reader must know of the recordings."""
+    """Notes on what the recordings cannot tell, or not well."""
     notes = list(given.means.notes)
     middle = np.mean(np.exp(1j * given.means.heading))
     if _ONE_SIDED < abs(middle) < 0.98:

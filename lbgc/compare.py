@@ -1,4 +1,4 @@
-"""One table of a sweep's training runs: size, error with its spread over seeds, latency.
+"""Compare a sweep's training runs in one table: size, error with its spread over seeds, latency.
 
 python lbgc/compare.py runs=outputs/train
 """
@@ -13,7 +13,7 @@ from lbgc.learning import comparison
 
 @dataclass(frozen=True)
 class CompareConfig:
-    """What `conf/compare.yaml` holds."""
+    """The keys of `conf/compare.yaml`."""
 
     runs: str = "outputs/train"
     """Directory of training runs."""

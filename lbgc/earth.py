@@ -3,7 +3,7 @@
 import numpy as np
 
 EARTH_RATE = 7.292115e-5
-"""rad/s, WGS-84."""
+"""Earth's rotation rate, rad/s, WGS-84."""
 
 # WGS-84 normal gravity (Somigliana), as in Groves 2013, eq. 2.134.
 _GRAVITY_EQUATOR = 9.7803253359
@@ -24,7 +24,7 @@ def earth_rate_ned(latitude: float | np.ndarray) -> np.ndarray:
 
 
 def normal_gravity(latitude: float, height: float = 0.0) -> float:
-    """WGS-84 normal gravity, m/s^2: down, Earth's centrifugal part included.
+    """WGS-84 normal gravity, m/s^2, downward, with Earth's centrifugal acceleration included.
 
     latitude : rad; height : m above the ellipsoid (Groves 2013, eqs. 2.134 and 2.139).
     """
@@ -41,5 +41,6 @@ def normal_gravities(latitude: np.ndarray, height: float = 0.0) -> np.ndarray:
 
 
 def heading_exists(latitude: float | np.ndarray) -> np.ndarray:
-    """Whether north is a direction: everywhere but within a millionth of a degree of a pole."""
+    """Whether heading is defined: everywhere but within a millionth of a degree of a pole.
+    latitude : rad, any shape."""
     return np.asarray(np.cos(np.asarray(latitude)) > np.deg2rad(1e-6))

@@ -1,4 +1,4 @@
-"""What a user can get wrong, said once: InputError, and the typed configuration."""
+"""Errors in a user's input, InputError, and the typed configuration that raises it."""
 
 import dataclasses
 import sys
@@ -14,7 +14,7 @@ from lbgc.units import unit_of
 Config = TypeVar("Config")
 
 _LONGEST = 300
-"""Characters that are shown of another parser's message, at most."""
+"""Largest number of characters that are shown of another parser's message."""
 
 Axes = float | list[float]
 """A configured value for all three axes, or one for each (forward, right, down)."""
@@ -38,20 +38,21 @@ class InputError(ValueError):
         return printable(f"{shown}: {choices}" if choices else shown)
 
     def within(self, prefix: str) -> "InputError":
-        """This error with its parameter named from one level further out."""
+        """This error with its parameter's name prefixed by the group that holds it."""
         return InputError(f"{prefix}.{self.name}", self.value, self.unit, self.choices)
 
 
 def require(condition: bool, name: str, value: Any, choices: str | Sequence[str]) -> None:
-    """Raise InputError unless the condition holds; the unit is read off the parameter's name."""
+    """Raise InputError unless the condition holds. The unit is taken from the parameter's name."""
     if not condition:
         raise InputError(name, value, unit_of(name), choices)
 
 
 @contextmanager
 def reading(name: str, value: Any, what: str = "cannot be read") -> Iterator[None]:
-    """Whatever another's parser raises on what it is given is said as InputError: an outside file
-    may be anything. For calls of such parsers, and nothing else."""
+    """Turn any exception inside the `with` block into InputError on this parameter. It is meant for
+    calls of other people's parsers on files from outside, which may be anything, and for nothing
+    else. what : what the error says of the file."""
     try:
         yield
     except InputError:
@@ -62,16 +63,18 @@ def reading(name: str, value: Any, what: str = "cannot be read") -> Iterator[Non
 
 
 def require_choice(name: str, value: str, choices: Sequence[str]) -> None:
+    """Raise InputError unless the value is one of the choices."""
     require(value in choices, name, value, choices)
 
 
 def require_positive(name: str, value: float | None) -> None:
-    """None stands for what is not given."""
+    """Raise InputError unless the value is greater than zero, or None: not given."""
     require(value is None or value > 0, name, value, "must be greater than zero")
 
 
 def require_not_negative(config: Any, *names: str) -> None:
-    """Every named field of a dataclass (a number, or one an axis) must be zero or more."""
+    """Raise InputError unless every named field of a dataclass (a number, or one an axis) is zero
+    or more."""
     for name in names:
         value = getattr(config, name)
         lowest = min(value) if isinstance(value, list | tuple) else value
@@ -79,7 +82,8 @@ def require_not_negative(config: Any, *names: str) -> None:
 
 
 def require_spread(config: Any, *names: str, least: float = 0.0) -> None:
-    """Every named field must be a number, or [low, high], not below `least`."""
+    """Raise InputError unless every named field is a number, or [low, high], and not below
+    `least`."""
     for name in names:
         value = getattr(config, name)
         ends = value if isinstance(value, tuple) else (value, value)
@@ -89,14 +93,14 @@ def require_spread(config: Any, *names: str, least: float = 0.0) -> None:
 
 
 def build(cls: type[Config], mapping: Mapping[str, Any]) -> Config:
-    """A frozen configuration dataclass from what YAML and the command line gave.
+    """A frozen configuration dataclass from the values of YAML and the command line.
 
     Types are checked against the annotations, numbers must be finite, unknown keys are refused.
 
     Raises InputError, naming the parameter by its full key.
     """
     adopted = getattr(cls, "adopted", None)
-    if adopted is not None:  # other people's names for what it holds
+    if adopted is not None:  # other names of its keys are translated first
         mapping = adopted(mapping)
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
@@ -109,6 +113,7 @@ def build(cls: type[Config], mapping: Mapping[str, Any]) -> Config:
 
 
 def _convert(annotation: Any, name: str, value: Any) -> Any:
+    """A value as the type that an annotation states. Raises InputError where it is of another."""
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
         options = typing.get_args(annotation)
         if value is None and type(None) in options:
@@ -118,7 +123,7 @@ def _convert(annotation: Any, name: str, value: Any) -> Any:
             takes_list = typing.get_origin(option) in (list, tuple)
             if takes_list == is_list and option is not type(None):
                 return _convert(option, name, value)
-        raise InputError(name, value, unit_of(name), f"must be {_spelled(annotation)}")
+        raise InputError(name, value, unit_of(name), f"must be {_type_in_words(annotation)}")
     if dataclasses.is_dataclass(annotation):
         if not isinstance(value, Mapping):
             raise InputError(name, value, "", "must be a group of parameters")
@@ -130,22 +135,23 @@ def _convert(annotation: Any, name: str, value: Any) -> Any:
     if kind in (list, tuple) and isinstance(value, list | tuple):
         return kind(_convert(typing.get_args(annotation)[0], name, v) for v in value)
     if annotation is float and isinstance(value, int | float) and not isinstance(value, bool):
-        # no int is infinite, but one may be more than a float can be
+        # An int is never infinite, but may exceed the largest float.
         require(abs(value) <= sys.float_info.max, name, value, "must be a finite number")
         return float(value)
     if annotation in (int, str, bool) and type(value) is annotation:
         return value
     if annotation is Any:
         return value
-    raise InputError(name, value, unit_of(name), f"must be {_spelled(annotation)}")
+    raise InputError(name, value, unit_of(name), f"must be {_type_in_words(annotation)}")
 
 
-def _spelled(annotation: Any) -> str:
+def _type_in_words(annotation: Any) -> str:
+    """A type in words."""
     words = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
     if annotation is type(None):
         return "null"
     if typing.get_origin(annotation) in (list, tuple):
-        return f"a list [...] of which each is {_spelled(typing.get_args(annotation)[0])}"
+        return f"a list [...] of which each is {_type_in_words(typing.get_args(annotation)[0])}"
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
-        return " or ".join(_spelled(option) for option in typing.get_args(annotation))
+        return " or ".join(_type_in_words(option) for option in typing.get_args(annotation))
     return words.get(annotation, "a group of parameters")

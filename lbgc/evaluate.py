@@ -1,4 +1,4 @@
-"""Hold estimators against each other on a dataset or on a real log.
+"""Evaluate estimators against each other on a dataset or on a real log.
 
 python lbgc/evaluate.py data=PATH run=RUN
 python lbgc/evaluate.py log=lasergyro
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     from lbgc.learning.trained import Setting, Trained
 
 KNOWN: dict[str, Estimator] = {**CLASSICAL, "floor": floor}
-"""The floor is no estimator that one could have: it is told the sensor's law."""
+"""Estimators by name. The floor is not one that a user can have: it is told the sensor's law."""
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """What `conf/evaluate.yaml` holds."""
+    """The keys of `conf/evaluate.yaml`."""
 
     data: str | None = None
     """A dataset's path; or give a log."""
@@ -51,25 +51,25 @@ class EvaluateConfig:
     run: str | None = None
     """A training run's directory, to evaluate its model too."""
     untrained: bool = False
-    """Whether models answer what they were not trained for, too: the table then names them so."""
+    """Whether models also answer what they were not trained for; the table then says so."""
     estimators: list[str] = field(default_factory=lambda: ["mean"])
-    """Classical estimators, and the floor."""
+    """Names of classical estimators, and the floor."""
     estimator: str | None = None
     """One estimator, or all; instead of the list."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 240.0])
     """Window lengths."""
     imu: ImuConfig | None = None
-    """What estimators are told of the sensor: a log has nothing else to say it, and a dataset's own
-    is used where this is null."""
+    """The sensor that estimators are told. A log's sensor is known by this alone; where it is null,
+    a dataset's own is used."""
     split: str = "test"
     """Split of the dataset that is evaluated on."""
     known: list[str] = field(default_factory=list)
-    """Lifetimes (unit, session, run) whose drawn errors a second floor is told: what knowing them
-    would be worth. Datasets only."""
+    """Lifetimes (unit, session, run) whose drawn errors a second floor is told, which shows what
+    knowing them would be worth. Datasets only."""
     against: str = "truth"
-    """truth or reference: what a dataset's errors are taken from. Real logs have a reference."""
+    """truth or reference: what a dataset's errors are relative to. Real logs have a reference."""
     reach_deg: list[float] = field(default_factory=lambda: [5.0, 2.0, 1.0, 0.5, 0.1])
-    """Errors for which the table of times says how long a window must be."""
+    """Errors for which the table of times states the window length that they take."""
 
     def __post_init__(self) -> None:
         one = (self.data is None) != (self.log is None)
@@ -97,16 +97,17 @@ class EvaluateConfig:
 
     @property
     def asked(self) -> list[str]:
+        """Names of the estimators to evaluate."""
         if self.estimator is None:
             return self.estimators
         return list(KNOWN) if self.estimator == "all" else [self.estimator]
 
 
 def main(config: EvaluateConfig) -> Path:
-    """Evaluate, print the table and write what there is to say; return the report's path."""
+    """Evaluate, print the table, write the results, and return the report's path."""
     estimators: dict[str, Estimator] = {name: KNOWN[name] for name in config.asked}
     if config.run is not None:
-        from lbgc.learning.trained import Trained  # PyTorch, a second that the classical save
+        from lbgc.learning.trained import Trained  # imports PyTorch, which takes a second
 
         learned = Trained.load(config.run)
     subject, records, count = _subject_of(config)
@@ -142,6 +143,7 @@ def main(config: EvaluateConfig) -> Path:
 
 
 def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
+    """The description of what is evaluated, its recordings, and their number."""
     if config.log is not None:
         return of_log(config.log, config.imu)
     assert config.data is not None
@@ -149,8 +151,9 @@ def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], in
 
 
 def _verdict(config: EvaluateConfig, subject: Subject) -> tuple[list[Verdict], list[str]]:
-    """Whether this sensor, these recordings and windows can find north. What is stated of the
-    sensor is doubted wherever it is not the law that the recordings were simulated by."""
+    """The verdicts whether this sensor, these recordings and windows can find north, and the
+    sentences that say so. The sensor's stated model is doubted wherever it is not the one by which
+    the recordings were simulated."""
     doubted = config.log is not None or config.imu is not None
     records = list(subject.records() if doubted else islice(subject.records(), 1))
     return reached(
@@ -165,14 +168,14 @@ def _verdict(config: EvaluateConfig, subject: Subject) -> tuple[list[Verdict], l
 
 
 def _bias_sigma(config: EvaluateConfig) -> float | None:
-    """1 sigma of each gyro's bias, rad/s, by the limit that the user gave, as if every bias within
-    it were as probable; None where there is no limit, or the sensor is named."""
+    """1 sigma of each gyro's bias, rad/s, by the user's limit on it, as of a uniform distribution
+    within that limit; None where there is no limit, or the sensor is named."""
     limit = None if config.log is None or config.imu is not None else config.log.bias_limit
     return None if limit is None else limit / 3**0.5
 
 
 def _setting(config: EvaluateConfig, subject: Subject) -> "Setting":
-    """What a model is asked about, beside its windows."""
+    """What is known, beside the windows, of the recordings that a network is asked about."""
     from lbgc.learning.trained import Setting
 
     said = subject.configuration
@@ -183,8 +186,8 @@ def _setting(config: EvaluateConfig, subject: Subject) -> "Setting":
 
 
 def _pretrained(imu: ImuConfig | None, notes: list[str]) -> "list[Trained]":
-    """Models that came with the package and are of this sensor; a note where none is."""
-    from lbgc.learning import pretrained  # PyTorch again
+    """The models of this sensor that come with the package; a note where there is none."""
+    from lbgc.learning import pretrained  # imports PyTorch
 
     every = list(pretrained.every())
     own = [model for model in every if model.sensor == imu]
@@ -198,16 +201,20 @@ def _pretrained(imu: ImuConfig | None, notes: list[str]) -> "list[Trained]":
 
 @dataclass(frozen=True)
 class _Contender:
+    """An estimator with the model and the recordings that it is given."""
+
     estimate: Estimator
     imu: ImuModel | None
-    """What it is told of the sensor."""
+    """The sensor's model that it is told."""
     calibrated: bool = False
-    """Whether it is given the recordings whose known errors are taken out."""
+    """Whether it is given the recordings from which known errors are taken out."""
 
 
 def _contenders(
     config: EvaluateConfig, estimators: Mapping[str, Estimator], imu: ImuModel | None
 ) -> dict[str, _Contender]:
+    """The estimators, with what each is told, by name; a second floor is added where errors are
+    known."""
     found = {name: _Contender(estimate, imu) for name, estimate in estimators.items()}
     bias_sigma = _bias_sigma(config)
     if bias_sigma is not None:
@@ -229,7 +236,7 @@ def _evaluate(
     count: int,
     verdicts: Sequence[str],
 ) -> tuple[Result, Evaluation]:
-    """Every estimator on every window of every record."""
+    """Evaluate every estimator on every window of every recording."""
     evaluation = Evaluation()
     contenders = _contenders(config, estimators, subject.imu)
     longest, coarse_means = 0.0, dict[float, str | None]()

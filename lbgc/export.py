@@ -15,12 +15,13 @@ from lbgc.learning.estimator import compute_torch, load_net
 from lbgc.sensor import streams
 
 AGREES = 1e-5
-_SHAPES = ((1, 2), (5, 12), (2, 48))
+"""Largest difference, rad, between the answers of ONNX Runtime and of PyTorch."""
+_SHAPES = ((1, 2), (5, 12), (2, 48))  # numbers of windows and samples
 
 
 @dataclass(frozen=True)
 class ExportConfig:
-    """What `conf/export.yaml` holds."""
+    """The keys of `conf/export.yaml`."""
 
     run: str | None = None
     """A training run's directory."""
@@ -32,7 +33,7 @@ class ExportConfig:
 
 
 def main(config: ExportConfig) -> Path:
-    """Export, check at several batches and lengths, and return the file's path.
+    """Export, compare with PyTorch at several batches and lengths, and return the file's path.
 
     Raises InputError where the two differ by more than 1e-5 rad.
     """

@@ -32,7 +32,7 @@ SHORTEST_S = 60.0
 
 @dataclass(frozen=True)
 class FitConfig:
-    """What `conf/fit.yaml` holds."""
+    """The keys of `conf/fit.yaml`."""
 
     log: logs.LogConfig | None = None
     """A static log."""
@@ -41,15 +41,15 @@ class FitConfig:
     name: str = "mine"
     """Name of the fitted sensor: `imu=NAME`."""
     flicker_short_s: float | None = None
-    """Shorter corner of the bias instability's flat floor. null: 1, or what the axes of a sensor
-    together ask for."""
+    """Shorter corner of the bias instability's flat floor. null: 1, or the one that all axes of a
+    sensor together fit best with."""
     flicker_long_s: float = 3600.0
     """Longer corner of the bias instability's flat floor."""
     skip_s: float = 0.0
     """Seconds to leave out at the start of each recording, while the sensor warms up."""
     processes: int | None = None
-    """Axes fitted side by side; null: one a core, and one after the other where the log is short.
-    No number depends on it."""
+    """Number of axes fitted at the same time; null: one a core, or one after the other where the
+    log is short. No result depends on it."""
 
     def __post_init__(self) -> None:
         one = (self.data is None) != (self.log is None)
@@ -73,7 +73,8 @@ class FitConfig:
 
 
 def main(config: FitConfig) -> Path:
-    """Fit every axis, print what was found, write the sensor and its plots; return their folder."""
+    """Fit every axis, print the results, write the sensor and its plots, and return their
+    directory."""
     static = _read(config)
     _require_steady(static, config.corners)
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
@@ -100,7 +101,8 @@ def main(config: FitConfig) -> Path:
 
 
 def _require_steady(static: Static, corners: tuple[float, float]) -> None:
-    """The noise is one throughout, as it stands or without what the mean does beyond it."""
+    """Raise InputError unless the noise is the same throughout the log, as recorded or after
+    changes of the mean that are not noise are taken out."""
     try:
         require_steady(static)
     except InputError:
@@ -114,7 +116,8 @@ def _require_steady(static: Static, corners: tuple[float, float]) -> None:
 
 
 def _calibrated(static: Static) -> Calibration | None:
-    """Bias by lifetime, printed; None, and why, where the recordings do not tell it."""
+    """The calibration of bias by lifetime, which is printed. Where the recordings do not tell it,
+    the reason is printed, and it is None."""
     assert static.heading is not None
     names = [f"{static.name}, recording {i}" for i in range(len(static.heading))]
     rates = static.gyro.mean(axis=1)
@@ -129,8 +132,8 @@ def _calibrated(static: Static) -> Calibration | None:
 
 
 def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, list[Fit]]:
-    """Every axis's fit. Each is written to the directory as soon as it is there, so that nothing
-    is lost with what may fail later."""
+    """The fits of all axes, with the shorter flicker corner that the data prefer unless one is
+    given. Each is written to the directory at once, so that a later failure loses nothing."""
     directory.mkdir(exist_ok=True)
     fits = _each_axis(static, config, directory, PARTS, config.corners)
     for part in PARTS if config.flicker_short_s is None else ():
@@ -151,6 +154,7 @@ def _each_axis(
     parts: Sequence[str],
     corners: tuple[float, float],
 ) -> dict[str, list[Fit]]:
+    """The fits of all axes of these triads with these flicker corners, s."""
     series = {
         (part, axis): np.ascontiguousarray(getattr(static, part)[:, :, axis])
         for part in parts
@@ -160,6 +164,7 @@ def _each_axis(
     with tqdm(total=len(series), desc="fitting", leave=False) as bar:
 
         def say(name: axes.Name, what: str) -> None:
+            """Show what is being tried on an axis."""
             bar.set_postfix_str(f"{name[0]} {AXES[name[1]]}: {what}")
 
         for name, fit in axes.fitted(series, static.dt, corners, config.processes, say):
@@ -171,6 +176,8 @@ def _each_axis(
 
 
 def _read(config: FitConfig) -> Static:
+    """The resting recordings that the configuration names. Raises InputError where the plate turns
+    or they are shorter than a minute."""
     session = None
     if config.log is not None:
         records = list(logs.read(config.log, north=False))

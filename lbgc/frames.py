@@ -8,11 +8,11 @@ vectors, and a fifth for `rotation_matrix`; recordings in a vehicle take 4% long
 import numpy as np
 
 NED_FROM_NWU = np.diag([1.0, -1.0, -1.0])
-"""Takes components in MuJoCo's world, North-West-Up, to n."""
+"""Matrix that takes components in MuJoCo's world, North-West-Up, to n."""
 
 
 def wrap(angle: np.ndarray | float) -> np.ndarray:
-    """An angle brought into (-pi, pi]. angle : rad, any shape."""
+    """An angle wrapped to (-pi, pi]. angle : rad, any shape."""
     return np.pi - np.mod(np.pi - np.asarray(angle, dtype=float), 2 * np.pi)
 
 
@@ -22,9 +22,10 @@ def rotation_z(angle: np.ndarray | float) -> np.ndarray:
 
 
 def turned(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """C(angle) v about the down axis; a vector's third component, if it has one, stays.
+    """Vectors turned by an angle about the down axis, C(angle) v; a third component, if there is
+    one, stays.
 
-    values : (*S, 2 or 3); angle : rad, broadcasts with S: one angle for a row is turned at once.
+    values : (*S, 2 or 3); angle : rad, broadcasts with S, so that one angle can turn a whole row.
     """
     c, s = np.cos(angle), np.sin(angle)
     x, y = values[..., 0], values[..., 1]
@@ -36,8 +37,8 @@ def turned(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def unrepeated(angle: np.ndarray) -> np.ndarray:
-    """A course, (W, T); or (W, 1) of it where no row of it turns, so that what broadcasts over it
-    is worked out once."""
+    """Angles of the plate, (W, T), or their first column, (W, 1), where no row changes: what
+    broadcasts over it is then computed once."""
     return angle[:, :1] if (angle == angle[:, :1]).all() else angle
 
 
@@ -62,6 +63,15 @@ def euler_to_matrix(
     )
 
 
+def level(f_ib_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch from specific force at rest (the paper's eqs. 10-11; Groves 2013, eq. 5.101).
+
+    f_ib_b : (W, 3), m/s^2. Returns rad, (W,) each. They do not depend on g.
+    """
+    x, y, z = f_ib_b[:, 0], f_ib_b[:, 1], f_ib_b[:, 2]
+    return np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z))
+
+
 def matrix_to_euler(c_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Roll, pitch, yaw in rad, each (*S), of C_nb (*S, 3, 3); pitch in [-pi/2, pi/2].
 
@@ -79,7 +89,7 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     Its sine part is half the vector of M - M'; angle/sin(angle) follows from its length and the
     trace (Groves 2013, eq. 2.23), so that small rotations keep all their digits.
     """
-    x = matrix[..., 2, 1] - matrix[..., 1, 2]  # by component: axes of three are slow
+    x = matrix[..., 2, 1] - matrix[..., 1, 2]  # by component: NumPy is slow over an axis of three
     y = matrix[..., 0, 2] - matrix[..., 2, 0]
     z = matrix[..., 1, 0] - matrix[..., 0, 1]
     sine = np.sqrt(x * x + y * y + z * z) / 2
@@ -91,7 +101,8 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
-    """The rotation of a rotation vector: (*S, 3), rad -> (*S, 3, 3) (Rodrigues; Groves, 2.17)."""
+    """The rotation matrix of a rotation vector: (*S, 3), rad -> (*S, 3, 3) (Rodrigues' formula;
+    Groves 2013, eq. 2.17)."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     cross = skew(vector)
     half = np.sinc(angle / (2 * np.pi))  # sin(a/2)/(a/2)

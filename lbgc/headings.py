@@ -1,4 +1,4 @@
-"""What an estimator answered where nobody knows the heading: headings and sigmas, and no errors."""
+"""Estimated headings where the true ones are not known: headings and sigmas, without errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ import numpy as np
 from lbgc.frames import wrap
 
 MOST_LINES = 24
-"""Windows of one length that the screen shows one by one."""
+"""Largest number of windows of one length that the screen shows one by one."""
 _COLUMNS = ("estimator", "window, s", "windows", "heading", "sigma of one", "scatter")
 
 
@@ -18,7 +18,7 @@ class Headings:
 
     recording: str
     start_s: np.ndarray = field(repr=False)
-    """(W,), since the recording's start"""
+    """(W,), start of each window since the recording's start"""
     heading_deg: np.ndarray = field(repr=False)
     """(W,), from 0 to 360"""
     sigma_deg: np.ndarray = field(repr=False)
@@ -28,12 +28,12 @@ class Headings:
 
     @property
     def mean_deg(self) -> float:
-        """The circular mean of the windows' headings."""
+        """The circular mean of the windows' headings, from 0 to 360."""
         return float(np.rad2deg(np.angle(np.mean(np.exp(1j * np.deg2rad(self.heading_deg)))))) % 360
 
     @property
     def scatter_deg(self) -> float:
-        """Root mean square of the windows' headings about their mean; NaN of one."""
+        """Standard deviation of the windows' headings about their mean; NaN for one window."""
         if len(self.heading_deg) < 2:
             return float("nan")
         off = wrap(np.deg2rad(self.heading_deg - self.mean_deg))
@@ -45,6 +45,7 @@ class Headings:
         return float(np.sqrt(np.mean(self.sigma_deg**2)))
 
     def as_json(self) -> dict:
+        """The headings and their figures, with None for values that are not finite."""
         each = zip(self.start_s, self.heading_deg, self.sigma_deg, strict=True)
         return {
             "recording": self.recording,
@@ -70,14 +71,14 @@ def _number(value: float) -> float | None:
 
 
 def spelled(sigma_deg: float, at_least: bool) -> str:
-    """A sigma for people; a lower bound says that it is one."""
+    """A sigma as text, with ">=" where it is a lower bound."""
     if not np.isfinite(sigma_deg):
         return "-"
     return (">= " if at_least else "") + f"{sigma_deg:.2f}"
 
 
 def rows(found: Table) -> tuple[list[str], list[list[str]]]:
-    """A header, and a line for each estimator, length and recording."""
+    """A table's header, and a row for each estimator, window length and recording."""
     several = len({own.recording for each in found.values() for own in each}) > 1
     lines = [
         [
@@ -97,8 +98,8 @@ def rows(found: Table) -> tuple[list[str], list[list[str]]]:
 
 
 def one_by_one(found: Table) -> tuple[list[str], list[list[str]], int]:
-    """A header, a line for each of the longest windows with every estimator's heading and sigma,
-    and how many more there are."""
+    """A table's header, a row for each of the longest windows with every estimator's heading and
+    sigma, and the number of windows left out because the table would be too long."""
     longest = max(window for _, window in found)
     names = [name for name, window in found if window == longest]
     lines = []

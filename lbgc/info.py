@@ -1,4 +1,4 @@
-"""Say what a dataset holds, finished or not, and what of it is damaged or missing.
+"""Describe a dataset, finished or not: what it holds, and what of it is damaged or missing.
 
 python lbgc/info.py PATH
 """
@@ -23,12 +23,12 @@ _SECTOR_DEG = 30
 
 @dataclass(frozen=True)
 class InfoConfig:
-    """What `conf/info.yaml` holds."""
+    """The keys of `conf/info.yaml`."""
 
     data: str | None = None
     """The dataset's path or URL."""
     lines: int = 5
-    """Samples to show of the first recording."""
+    """Number of samples to show of the first recording."""
 
     def __post_init__(self) -> None:
         require(self.data is not None, "data", self.data, "give a dataset's path")
@@ -36,7 +36,7 @@ class InfoConfig:
 
 
 def main(config: InfoConfig) -> Path | None:
-    """Print what is there; returns the picture's path, where there is something to draw."""
+    """Print the description; return the picture's path, or None where there is nothing to draw."""
     assert config.data is not None
     place = store.find(config.data)
     damaged = store.damaged_documents(place)
@@ -58,7 +58,7 @@ def main(config: InfoConfig) -> Path | None:
 
 
 def _whole(dataset: Dataset) -> list[str]:
-    """What the configuration says."""
+    """Lines on the dataset as its configuration states it."""
     layout, stored = dataset.layout, dataset.configuration
     imu, protocol = stored.get("imu", {}), stored.get("protocol", {})
     return [
@@ -72,7 +72,7 @@ def _whole(dataset: Dataset) -> list[str]:
 
 
 def _state(dataset: Dataset, missing: list[int], broken: list[int]) -> list[str]:
-    """Which shards are whole, and what else is wrong."""
+    """Lines on shards that are missing or damaged, and on files that do not belong there."""
     left = manifest.strays(dataset.place)
     lines = [
         f"{name:13s}{store.some(what)}; {manifest.AGAIN}"
@@ -83,12 +83,13 @@ def _state(dataset: Dataset, missing: list[int], broken: list[int]) -> list[str]
 
 
 def _rows(dataset: Dataset, name: str, good: list[int]) -> np.ndarray:
-    """A label of every recording in these shards."""
+    """One variable's values for every recording in the whole shards `good`."""
     return np.concatenate([dataset.label(name, dataset.layout.rows(s)) for s in good])
 
 
 def _drawn(dataset: Dataset, good: list[int]) -> list[str]:
-    """Splits, headings, and the range of every label and drawn value that is not always zero."""
+    """Lines on splits, headings, and the range of every label and drawn value that is not always
+    zero."""
     split = np.bincount(_rows(dataset, "split", good), minlength=len(SPLITS))
     heading = np.rad2deg(np.mod(_rows(dataset, "heading", good), 2 * np.pi))
     sectors = np.histogram(heading, np.arange(0, 361, _SECTOR_DEG))[0]
@@ -98,7 +99,8 @@ def _drawn(dataset: Dataset, good: list[int]) -> list[str]:
         "",
         f"{'value':24s}{'unit':>16s}{'least':>12s}{'mean':>12s}{'1 sigma':>12s}{'most':>12s}",
     ]
-    for name, variable in VARIABLES.items():
+    for name in dataset.layout.variables:
+        variable = VARIABLES[name]
         if "time" in variable.dims or variable.flags:
             continue
         values = _rows(dataset, name, good)
@@ -110,7 +112,7 @@ def _drawn(dataset: Dataset, good: list[int]) -> list[str]:
 
 
 def _first_lines(record: Record, count: int) -> list[str]:
-    """A recording's first samples."""
+    """Lines with the first `count` samples of a recording."""
     lines = [
         "",
         f"{record.name}: t, s; gyro, deg/h (forward, right, down); force, m/s^2; plate, deg",
@@ -124,6 +126,7 @@ def _first_lines(record: Record, count: int) -> list[str]:
 
 
 def _picture(dataset: Dataset, record: Record, good: list[int]) -> Path:
+    """Draw the headings in the whole shards `good`, and one recording; the picture's path."""
     t = (np.arange(len(record.gyro)) + 1) / record.rate_hz
     headings = _rows(dataset, "heading", good)
     figure = dataset_overview(headings, t, record.gyro, record.accel, record.plate_angle)
@@ -134,7 +137,8 @@ def _picture(dataset: Dataset, record: Record, good: list[int]) -> Path:
 
 
 def as_override(arguments: list[str]) -> list[str]:
-    """A first argument that is a path and no `key=value` or option, as `data='PATH'`."""
+    """The arguments with a first one that is a path, and no `key=value` or option, written as
+    `data='PATH'`."""
     first, *others = arguments or [""]
     if not first or first.startswith("-") or ("=" in first and not Path(first).exists()):
         return arguments

@@ -1,4 +1,4 @@
-"""What an estimator's errors amount to, and how surely."""
+"""The figures of an estimator's errors, RMSE and others, and their 95% intervals."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,17 +10,18 @@ from lbgc.frames import wrap
 from lbgc.sensor import streams
 
 RESAMPLES = 400
-_WEIGHTS = 4e6  # held at once
+"""Number of bootstrap resamples."""
+_WEIGHTS = 4e6  # array elements held at once
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of W heading errors, in degrees. Every name says what it is."""
+    """Figures of W heading errors, in degrees; each is what its name says."""
 
     windows: int
     independent: int
-    """How many of them may be taken for independent: recordings, whose windows share a bias; of one
-    recording its windows."""
+    """Number of errors that count as independent: the recordings, since windows of one share its
+    bias; the windows, where one recording has them all."""
     rmse_deg: float
     """Root mean square of the wrapped error."""
     median_deg: float
@@ -40,23 +41,23 @@ class Summary:
     sigma_is_at_least: bool = False
     """Whether that sigma is a lower bound: the estimator was told nothing of the sensor."""
     microseconds_a_window: float | None = None
-    """Processor time, of one thread: no more are used."""
+    """Processor time of an answer, by the one thread that is used."""
     intervals: Mapping[str, tuple[float, float]] | None = None
-    """95%, by the names above: bootstrap over recordings, or over windows where one has them all;
-    None where there is but one window."""
+    """95% intervals by the names above: bootstrap over recordings, or over windows where one
+    recording has them all; None where there is only one window."""
 
 
 TRUE_SIGMA = (0.9, 1.1)
-"""Range of the mean normalised squared error in which a sigma passes for true: it is wrong by 5% at
-either end."""
+"""Range of the mean normalised squared error in which a sigma counts as true: the sigma is wrong by
+5% at either end."""
 
 
 def is_untrue(summary: Summary) -> bool:
-    """Whether the 95% interval of the mean normalised squared error lies outside TRUE_SIGMA: then
-    the sigma that was stated is not the errors'.
+    """Whether the stated sigma is not that of the errors: the 95% interval of the mean normalised
+    squared error lies outside TRUE_SIGMA.
 
-    n errors over true sigmas have a sum of squares that is chi-square of n degrees of freedom: at
-    n = 8 a mean of 0.27 to 2.2. A true sigma is called untrue in fewer than 5 of 100 tables' rows.
+    The squares of n errors over true sigmas have a chi-square sum of n degrees of freedom: at n = 8
+    a mean of 0.27 to 2.2. A true sigma is called untrue in fewer than 5 of 100 tables' rows.
     """
     value, n = summary.mean_normalised_squared_error, summary.independent
     if value is None:
@@ -78,9 +79,11 @@ def summarise(
     seconds: float | None = None,
     at_least: bool = False,
 ) -> Summary:
-    """errors, latitude, sigma : (W,), rad, W >= 1; recording : (W,), which window is whose, for
-    the intervals; seconds : that answering took, altogether; at_least : whether sigma is a lower
-    bound."""
+    """The figures of W >= 1 heading errors.
+
+    errors, latitude, sigma : (W,), rad; recording : (W,), each window's recording, for the
+    intervals; seconds : processor time of all answers; at_least : whether sigma is a lower bound.
+    """
     size = np.abs(np.rad2deg(errors))
     order = np.argsort(size)  # once, for the quantiles of every resample
     own = _numbers(np.zeros(len(size)) if recording is None else recording)
@@ -111,8 +114,9 @@ class Ratio:
 
     value: float
     low: float
-    """95%, paired bootstrap over recordings"""
+    """Lower end of its 95% interval, by a paired bootstrap over recordings"""
     high: float
+    """Upper end, likewise"""
 
 
 def rmse_ratio(errors: np.ndarray, others: np.ndarray, recording: np.ndarray) -> Ratio:
@@ -128,20 +132,21 @@ def rmse_ratio(errors: np.ndarray, others: np.ndarray, recording: np.ndarray) ->
 
 
 def _interval(drawn: np.ndarray) -> tuple[float, float]:
-    """95% of what was drawn, (B,)."""
+    """The 95% interval of a figure, by its values in the resamples, (B,)."""
     low, high = np.percentile(drawn, [2.5, 97.5])
     return float(low), float(high)
 
 
 def _numbers(recording: np.ndarray) -> np.ndarray:
-    """(W,), 0, 1, ...: whose each window is; of one recording, each its own, as if independent."""
+    """The number, from 0, of the group that each window is resampled with, (W,): its recording; or
+    a group of its own, as if independent, where one recording has all windows."""
     own = np.unique(recording, return_inverse=True)[1]
     return own if own.max() > 0 else np.arange(len(recording))
 
 
 def _resamples(recordings: int) -> Iterator[np.ndarray]:
-    """How often each recording is in each resample, in parts of (B, R): they are drawn whole, since
-    a recording's windows share its bias."""
+    """Number of times that each recording is in each resample, in parts of (B, R). Recordings are
+    drawn whole, since a recording's windows share its bias."""
     rng = streams.figures()
     rows = max(1, int(_WEIGHTS // recordings))
     equal = np.full(recordings, 1 / recordings)
@@ -151,19 +156,20 @@ def _resamples(recordings: int) -> Iterator[np.ndarray]:
 
 @dataclass(frozen=True)
 class _Sums:
-    """What figures of any resample are made of."""
+    """The data from which the figures of any resample are computed."""
 
     size: np.ndarray
-    """(W,), degrees, ascending"""
+    """(W,), absolute errors, degrees, ascending"""
     latitude: np.ndarray
     """(W,), rad"""
     normalised: np.ndarray | None
-    """(W,), error over sigma"""
+    """(W,), error over sigma; None where no sigma is stated"""
     own: np.ndarray
-    """(W,), which recording"""
+    """(W,), number of each window's recording"""
 
     @property
     def recordings(self) -> int:
+        """Number of recordings."""
         return int(self.own.max()) + 1
 
     def figures(self, weights: np.ndarray) -> dict[str, np.ndarray]:
@@ -172,6 +178,7 @@ class _Sums:
         q25, q50, q75, q95 = self._quantiles(np.array([0.25, 0.5, 0.75, 0.95]), weights)
 
         def mean_square(values: np.ndarray) -> np.ndarray:
+            """Weighted mean square of the windows' values, (B,)."""
             return np.asarray(weights @ self._by_recording(values**2) / total)
 
         found = {
@@ -186,12 +193,13 @@ class _Sums:
         return found
 
     def _by_recording(self, values: np.ndarray) -> np.ndarray:
-        """Sums over each recording's windows, (R,)."""
+        """Sums of values by recording, (R,)."""
         return np.bincount(self.own, values)
 
     def _quantiles(self, shares: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(P, B), by NumPy's linear rule: what repeats sizes in their order is in order itself,
-        which np.quantile cannot know; so it takes half the time or less."""
+        """Quantiles of the absolute errors in each resample, (P, B), by NumPy's linear rule. Sorted
+        sizes that are repeated stay sorted, which np.quantile cannot know: this takes half its time
+        or less."""
         found = np.empty((len(shares), len(weights)))
         for at, times in enumerate(weights.astype(int)):
             drawn = np.repeat(self.size, times[self.own])
@@ -200,8 +208,8 @@ class _Sums:
 
 
 def rmse_interval(errors: np.ndarray, recording: np.ndarray) -> tuple[float, float] | None:
-    """95% of the RMSE of errors (W,), in their unit: bootstrap over recordings, (W,); None of one
-    window."""
+    """The 95% interval of the RMSE of errors, (W,), in their unit, by bootstrap over recordings,
+    (W,); None for one window."""
     if len(errors) < 2:
         return None
     own = _numbers(recording)
@@ -216,17 +224,18 @@ class Reach:
 
     value: str
     low: str | None
-    """95%, bootstrap over recordings, the same ones at every length (over windows where one
-    recording has them all); None of one window a length"""
+    """Lower end of its 95% interval, by bootstrap over recordings, the same ones at every length
+    (over windows where one recording has them all); None with one window a length"""
     high: str | None
+    """Upper end, likewise"""
 
 
 def times_to_reach(
     errors: Mapping[float, tuple[np.ndarray, np.ndarray]], targets_deg: Sequence[float]
 ) -> dict[float, Reach]:
-    """Target -> the window length that it takes.
+    """The window length that each target takes, by target, degrees.
 
-    errors : window length in s -> errors (W,), rad, and which recording each is of, (W,).
+    errors : window length in s -> errors (W,), rad, and each window's recording, (W,).
     """
     windows_s = sorted(errors)
     rmse = [_rmse_deg(errors[w][0]) for w in windows_s]
@@ -236,7 +245,7 @@ def times_to_reach(
         low = high = None
         if drawn is not None:
             seconds = [_seconds(windows_s, row, target) for row in drawn]
-            # as drawn: between a time and none there is nothing to interpolate
+            # The nearest drawn value, since infinity (no time at all) cannot be interpolated.
             low, high = (
                 _in_words(float(end), windows_s)
                 for end in np.percentile(seconds, [2.5, 97.5], method="nearest")
@@ -246,12 +255,13 @@ def times_to_reach(
 
 
 def _rmse_deg(errors: np.ndarray) -> float:
+    """Root mean square of errors in rad, degrees."""
     return float(np.rad2deg(np.sqrt(np.mean(errors**2))))
 
 
 def _drawn_rmse_deg(errors: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray | None:
-    """RMSE of each resample at each window length, degrees, (B, L); None where there is but one
-    window."""
+    """RMSE of each resample at each window length, degrees, (B, L); None where one recording has
+    only one window at some length."""
     every = np.unique(np.concatenate([recording for _, recording in errors]))
     if len(every) == 1:
         if min(len(e) for e, _ in errors) < 2:
@@ -268,14 +278,16 @@ def _drawn_rmse_deg(errors: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarr
         windows[:, column] = np.bincount(own, minlength=len(every))
     sums = [(w @ squares, w @ windows) for w in _resamples(len(every))]
     total, count = (np.concatenate(part) for part in zip(*sums, strict=True))
-    answered = (count > 0).all(axis=1)  # a draw may lack the few recordings that are long enough
+    answered = (count > 0).all(
+        axis=1
+    )  # a resample may lack the few recordings that are long enough
     return np.asarray(np.sqrt(total[answered] / count[answered]))
 
 
 def time_to_reach(windows_s: Sequence[float], rmse_deg: Sequence[float], error_deg: float) -> str:
-    """The window length at which an estimator's RMSE comes down to this error for good, in words:
+    """The window length from which on an estimator's RMSE is not above this error, in words. It is
     interpolated between window lengths, both in logarithms; "not within 240 s" where the longest
-    window there is does not do.
+    window is too short.
 
     windows_s : ascending, s.
     """
@@ -283,6 +295,7 @@ def time_to_reach(windows_s: Sequence[float], rmse_deg: Sequence[float], error_d
 
 
 def _in_words(seconds: float, windows_s: Sequence[float]) -> str:
+    """A window length by `_seconds` in words."""
     if seconds <= windows_s[0]:
         return f"<= {windows_s[0]:g} s"
     return f"not within {windows_s[-1]:g} s" if np.isinf(seconds) else f"{seconds:.3g} s"
@@ -291,8 +304,8 @@ def _in_words(seconds: float, windows_s: Sequence[float]) -> str:
 def _seconds(
     windows_s: Sequence[float], rmse_deg: Sequence[float] | np.ndarray, error_deg: float
 ) -> float:
-    """The window length, s, at which the RMSE comes down to this error for good: the shortest
-    length where no longer one is needed, infinity where none does."""
+    """The window length, s, from which on the RMSE is not above this error: the shortest length
+    where that is enough already, infinity where the longest is too short."""
     above = [i for i, rmse in enumerate(rmse_deg) if rmse > error_deg]
     if not above:
         return windows_s[0]

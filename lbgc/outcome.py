@@ -1,4 +1,4 @@
-"""What an evaluation amounts to: its rows, how they compare, and the document that holds them."""
+"""The results of an evaluation: its rows, their comparison, and the document that holds them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -11,11 +11,12 @@ from lbgc.report.page import Result, Subject
 from lbgc.verdict import Verdict
 
 _FAR_OFF = 16.0
-"""Normalised squared error beyond which it is the heading that is doubted: four sigma."""
+"""Normalised squared error, four sigma, beyond which the stated heading is doubted."""
 
 
 def doubts(result: Result) -> list[str]:
-    """Why a log whose headings were told may be another than it is said to be."""
+    """Questions about a log whose estimates are far from its stated headings: axes, sensor, base.
+    Empty where they are not."""
     own = [(name, w) for name, w in result.rows if name in ("gls", "mean")]
     if not own:
         return []
@@ -39,8 +40,11 @@ def outcome_of(
     reach_deg: Sequence[float],
     verdicts: Sequence[str] = (),
 ) -> Result:
-    """keys : the answered estimators and window lengths, in their order; verdicts : whether north
-    can be found at all."""
+    """The results of an evaluation: of errors, or of headings where the true ones are not known.
+
+    keys : the estimators and window lengths that have answers, in order; notes : remarks;
+    reach_deg : errors whose window lengths are sought; verdicts : whether north can be found.
+    """
     if subject.against is None:
         found = {key: evaluation.answers[key].headings(evaluation.recordings) for key in keys}
         return Result(subject, {}, {}, list(notes), {}, {}, {}, found, verdicts)
@@ -55,6 +59,8 @@ def outcome_of(
 def _over_floor(
     evaluation: Evaluation, keys: Sequence[tuple[str, float]]
 ) -> dict[tuple[str, float], Ratio]:
+    """RMSE over the floor's on the same windows, by estimator and window length, where the floor
+    has answers."""
     found = {}
     for name, window in keys:
         least = evaluation.answers.get(("floor", window))
@@ -68,7 +74,7 @@ def _over_floor(
 def _reach(
     evaluation: Evaluation, keys: Sequence[tuple[str, float]], reach_deg: Sequence[float]
 ) -> dict[str, dict[float, Reach]]:
-    """Estimator -> error in degrees -> the window length that it takes."""
+    """The window length that each error takes: estimator -> error in degrees -> length."""
     found = {}
     for name in dict.fromkeys(name for name, _ in keys):
         own = {w: evaluation.answers[n, w] for n, w in keys if n == name}
@@ -78,7 +84,8 @@ def _reach(
 
 
 def _per_heading(answers: Answers) -> list[dict]:
-    """RMSE by true heading, in sectors of 30 degrees about their middles, and its 95% interval."""
+    """RMSE by true heading, in sectors of 30 degrees about 0, 30, 60... degrees, and its 95%
+    interval."""
     sector = np.round(np.rad2deg(answers.all_of("heading")) / 30).astype(int) % 12
     errors, recording = np.rad2deg(answers.all_of("errors")), answers.all_of("recording")
     return [
@@ -95,7 +102,7 @@ def _per_heading(answers: Answers) -> list[dict]:
 def document_of(
     run: str | None, result: Result, evaluation: Evaluation, verdicts: Sequence[Verdict] = ()
 ) -> dict:
-    """What `results.json` holds."""
+    """The content of `results.json`. run : the training run that was evaluated, if one was."""
     over = {key: asdict(ratio) for key, ratio in result.over_floor.items()}
     return {
         "subject": result.subject.name,

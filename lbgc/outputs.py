@@ -1,4 +1,4 @@
-"""Where results go: outputs/<task>/<fingerprint of the configuration>/, and a `latest` link."""
+"""Writing results: to outputs/<task>/<fingerprint of the configuration>/, with a `latest` link."""
 
 import hashlib
 import json
@@ -16,22 +16,23 @@ def fingerprint(configuration: Mapping[str, Any]) -> str:
 
 
 def as_json(content: Any, indent: int | None = 2, sort_keys: bool = False) -> str:
-    """Content as JSON that every reader of the standard takes: what is not a finite number is null.
+    """Content as standard JSON, in which numbers that are not finite are null.
 
-    Numbers and arrays of NumPy's are taken as Python's.
+    NumPy's numbers and arrays are written as Python's.
     """
     return json.dumps(_standard(content), indent=indent, sort_keys=sort_keys, allow_nan=False)
 
 
 def printable(text: str) -> str:
-    """Text from outside as a terminal may have it: control characters, which could colour, move or
-    retitle it, are spelled out; tabs and ends of lines stay."""
+    """Text from outside made safe for a terminal: control characters, which could change its
+    colours, cursor or title, are spelled out; tabs and ends of lines stay."""
     return "".join(
         c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode() for c in text
     )
 
 
 def _standard(content: Any) -> Any:
+    """Content with Python's own types, and None for numbers that are not finite."""
     if isinstance(content, Mapping):
         return {key: _standard(value) for key, value in content.items()}
     if isinstance(content, list | tuple):
@@ -44,17 +45,17 @@ def _standard(content: Any) -> Any:
 
 
 UNSEALED = "0" * 64
-"""Stands where the seal will."""
+"""The placeholder that `seal` replaces by a checksum."""
 
 
 def seal(content: bytes) -> bytes:
-    """The content with the SHA-256 of itself in the place of its first UNSEALED."""
+    """The content with its own SHA-256, taken before, in place of its first UNSEALED."""
     own = hashlib.sha256(content).hexdigest()
     return content.replace(UNSEALED.encode(), own.encode(), 1)
 
 
 def is_sealed(content: bytes, own: str) -> bool:
-    """Whether the content is still what `seal` made it, `own` being the checksum found in it."""
+    """Whether the content is still as `seal` made it. own : the checksum found in it."""
     if len(own) != len(UNSEALED):
         return False
     opened = content.replace(own.encode(), UNSEALED.encode(), 1)
@@ -62,14 +63,14 @@ def is_sealed(content: bytes, own: str) -> bool:
 
 
 def task_directory(task: str, identity: str) -> Path:
-    """outputs/<task>/<identity>, made."""
+    """The directory outputs/<task>/<identity>, which is created if it is missing."""
     directory = Path("outputs") / task / identity
     directory.mkdir(parents=True, exist_ok=True)
     return directory
 
 
 def mark_latest(directory: Path) -> None:
-    """Let `latest` beside a task's directory point to it: what is in it is finished."""
+    """Let the link `latest` beside a task's directory point to it, once its content is finished."""
     new = directory.with_name(f".latest-{os.getpid()}")
     new.unlink(missing_ok=True)
     new.symlink_to(directory.name)
@@ -77,7 +78,8 @@ def mark_latest(directory: Path) -> None:
 
 
 def read_file(path: Path) -> bytes:
-    """A file's content. Raises OSError where there is none, or a pipe or device without an end."""
+    """A file's content. Raises OSError where there is no regular file: a pipe or a device may have
+    no end."""
     if not path.is_file():
         raise FileNotFoundError(f"{path} is no file")
     return path.read_bytes()

@@ -1,4 +1,5 @@
-"""What a training can win, said before it starts: by what of the bias repeats, and by the floor."""
+"""The gain that a training can bring, stated before it starts: by the floor, with and without the
+repeatable part of the bias known."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,20 +15,20 @@ from lbgc.protocol import ProtocolConfig
 from lbgc.sensor.datasheet import ImuConfig
 
 LEAST_GAIN = 0.02
-"""Share of the error below which a gain is none; the floor itself is told to 1%."""
+"""Share of the error below which a gain counts as none; the floor itself is accurate to 1%."""
 
 
 def prospects(configuration: Mapping[str, Any], window_s: float) -> str | None:
-    """A sentence on what a network trained on this dataset can win over an estimator that is told
-    the sensor's model alone, on windows of this length; None where the floor cannot say it: at a
-    pole, on a base that sways, of a sensor without noise.
+    """A sentence on how much better than an estimator that is told the sensor's model alone a
+    network trained on this dataset can be, on windows of this length. None where the floor cannot
+    tell: at a pole, on a base that sways, for a sensor without noise.
 
     configuration : the dataset's.
     """
     if configuration["scene"]["sway"]["level"] != 0:
         return None
     imu = build(ImuConfig, configuration["imu"])
-    # what a session draws repeats as well where all recordings are of one
+    # The session's errors repeat too where all recordings are of one session.
     one_session = configuration["sessions"] == 1
     repeating = ("unit", "session") if one_session else ("unit",)
     lifetimes = repeating if configuration["units"] == 1 else ()
@@ -52,6 +53,7 @@ def prospects(configuration: Mapping[str, Any], window_s: float) -> str | None:
 def _floor_deg(
     configuration: Mapping[str, Any], imu: ImuConfig, known: tuple[str, ...], window_s: float
 ) -> float:
+    """The expected floor, degrees, with the errors of these lifetimes known; NaN at a pole."""
     latitude = float(np.deg2rad(configuration["latitude"]))
     if not heading_exists(latitude):
         return float("nan")
@@ -63,8 +65,8 @@ def _floor_deg(
 
 
 def _share(imu: ImuConfig, lifetimes: tuple[str, ...]) -> float:
-    """Share of the horizontal gyros' bias variance that is of these lifetimes; 0 where there is
-    none."""
+    """Share of the horizontal gyros' bias variance that has these lifetimes; 0 where there is no
+    bias."""
     gyro = imu.gyro.triad()
     variance = {
         part: float(np.mean(np.square(gyro.bias(part)[:2]))) for part in ("unit", "session", "run")

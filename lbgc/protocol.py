@@ -1,4 +1,4 @@
-"""What the plate is asked to do: a pure plan. `sim/motion.py` executes it with physics."""
+"""The plan of what the plate is commanded to do; `sim/motion.py` executes it with physics."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,16 +10,16 @@ from lbgc.errors import InputError, require, require_choice, require_positive
 
 KINDS = ("static", "heading_scan", "indexed", "carousel")
 STAGES = ("rest", "slew", "settle")
-"""What the plate is doing: resting; driven; no longer driven, and not at rest yet."""
+"""What the plate is doing at a sample: resting; driven; no longer driven, and not at rest yet."""
 REST, SLEW, SETTLE = range(len(STAGES))
 
 
 @dataclass(frozen=True)
 class ProtocolConfig:
-    """What `conf/protocol/*.yaml` holds."""
+    """The keys of `conf/protocol/*.yaml`. Clockwise is positive."""
 
     name: str = "heading_scan"
-    """How reports call it."""
+    """Its name in reports."""
     kind: str = "heading_scan"
     """static: the plate stays where it is. heading_scan: index through the circle and rest, one
     recording a rest (the paper's experiment). indexed: go through angles within each recording,
@@ -29,12 +29,12 @@ class ProtocolConfig:
     angles_deg: tuple[float, ...] = (0.0, 180.0)
     """indexed: the plate's angles, in their order."""
     dwell_s: float | tuple[float, ...] | None = None
-    """indexed: rest at each, settling included, one figure or one an angle; null: what slewing
-    leaves of the recording, in equal parts. What is left over is spent at the last."""
+    """indexed: rest at each angle, settling included, one figure or one an angle; null: equal parts
+    of what slewing leaves of the recording. Time that is left over is spent at the last angle."""
     carousel_deg_per_s: float = 6.0
-    """carousel: its rate; negative turns counter-clockwise."""
+    """carousel: its rate; a negative one turns counter-clockwise."""
     turns: float | None = None
-    """carousel: stop after so many; null: turn until the recording ends."""
+    """carousel: stop after this many turns; null: turn until the recording ends."""
     slew_deg_per_s: float = 30.0
     """Largest rate while indexing."""
     slew_deg_per_s2: float = 60.0
@@ -59,28 +59,30 @@ class ProtocolConfig:
 
 @dataclass(frozen=True)
 class Move:
-    """A slew as it is commanded: speeding up, going on, slowing down, all symmetric."""
+    """A slew as it is commanded: speeding up, turning evenly, and slowing down as it sped up."""
 
     start_s: float
     by: float
-    """rad, clockwise positive"""
+    """rad, angle that it turns by, clockwise positive"""
     rate: float
-    """rad/s, its largest"""
+    """rad/s, its largest rate"""
     acceleration: float
     """rad/s^2"""
 
     @property
     def duration_s(self) -> float:
+        """Time from its start to its end."""
         peak = self._peak
         return abs(self.by) / peak + peak / self.acceleration
 
     @property
     def end_s(self) -> float:
+        """Time of its end."""
         return self.start_s + self.duration_s
 
     @property
     def _peak(self) -> float:
-        """The rate that it reaches: a short slew slows down before it has sped up."""
+        """The rate that it reaches, rad/s: a short slew slows down before it reaches `rate`."""
         return min(self.rate, float(np.sqrt(abs(self.by) * self.acceleration)))
 
     def command(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,20 +98,20 @@ class Move:
 
 @dataclass(frozen=True)
 class Plan:
-    """What happens in, and just before, one recording."""
+    """What the plate is commanded to do in one recording, and just before."""
 
     start: float
     """rad, the plate's angle at the recording's start, where it rests"""
     before: float
     """rad, the slew by which it came there"""
     azimuth_range: float
-    """rad: the base's azimuth is drawn uniformly from an interval of this width about zero."""
+    """rad, width of the interval about zero from which the base's azimuth is drawn uniformly"""
     rate: float
     """rad/s, of the slew before"""
     acceleration: float
     """rad/s^2"""
     moves: tuple[Move, ...] = ()
-    """In their order, one after the other."""
+    """The slews within the recording, in order of time."""
 
     def command(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The plate's angle (rad) and rate (rad/s) as commanded, (*S), at times t (*S) in s."""
@@ -122,10 +124,10 @@ class Plan:
 
 
 def plan(config: ProtocolConfig, recording: int, duration_s: float) -> Plan:
-    """The plan of a recording, which depends on its own index alone.
+    """The plan of a recording, which depends on the configuration and on its own index alone.
 
-    A scan goes round the circle in steps; base azimuths fill the gaps between its headings, so
-    that headings cover the circle evenly and the encoder says nothing of them.
+    A scan goes round the circle in steps. The base's azimuths fill the gaps between its headings,
+    so that headings cover the circle evenly and the encoder tells nothing of them.
 
     Raises InputError where the protocol takes longer than the recording.
     """
@@ -137,7 +139,7 @@ def plan(config: ProtocolConfig, recording: int, duration_s: float) -> Plan:
 
 @lru_cache(maxsize=4096)
 def _plan(config: ProtocolConfig, place: int, duration_s: float) -> Plan:
-    """place : in a scan, how many steps it has come"""
+    """The plan of a recording. place : number of steps that a scan has made before it."""
     rate, acceleration = np.deg2rad(config.slew_deg_per_s), np.deg2rad(config.slew_deg_per_s2)
     limits = (float(rate), float(acceleration))
     whole = 2 * np.pi
@@ -153,6 +155,7 @@ def _plan(config: ProtocolConfig, place: int, duration_s: float) -> Plan:
 
 
 def _carousel(config: ProtocolConfig, duration_s: float) -> Move:
+    """The one move of a carousel, which outlasts the recording unless its turns are given."""
     rate = float(np.deg2rad(config.carousel_deg_per_s))
     by = rate * duration_s  # at full rate until after the end
     if config.turns is not None:
@@ -166,6 +169,7 @@ def _carousel(config: ProtocolConfig, duration_s: float) -> Move:
 def _indexed(
     config: ProtocolConfig, limits: tuple[float, float], duration_s: float
 ) -> tuple[Move, ...]:
+    """The moves from angle to angle. limits : rate and acceleration of a slew, rad/s, rad/s^2."""
     angles = np.deg2rad(config.angles_deg)
     steps = [float(by) for by in np.diff(angles)]
     slewing = sum(Move(0.0, by, *limits).duration_s for by in steps if by)
@@ -189,6 +193,7 @@ def _indexed(
 
 
 def _check_duration(name: str, value: object, taken: float, duration_s: float) -> None:
+    """Raise InputError on this parameter where a protocol takes longer than the recording, s."""
     if taken > duration_s * (1 + 1e-9):
         raise InputError(
             f"protocol.{name}", value, "s" if name == "dwell_s" else "", "takes "

@@ -1,4 +1,5 @@
-"""What is evaluated: a dataset's recordings or a log's, and what is known of their sensor."""
+"""The subject of an evaluation: a dataset's recordings or a log's, and what is known of their
+sensor."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,19 +18,20 @@ from lbgc.sensor.datasheet import ImuConfig
 
 @dataclass(frozen=True)
 class Measured:
-    """A recording, and the same with what is known of its sensor's errors taken out."""
+    """A recording, and a copy of it from which the known errors of its sensor are taken out."""
 
     record: Record
     calibrated: Record | None = None
 
 
 _BATCH_BYTES = 6e6
-"""Bytes of the gyro data of recordings that are answered together: many short ones, two at full
-rate."""
+"""Bytes of gyro data of the recordings that are answered together: many short recordings, or two
+at full rate."""
 
 
 def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
-    """Consecutive ones that are alike, so that estimators can answer many at once."""
+    """Consecutive recordings of equal rate and length in lists, so that estimators can answer many
+    at once."""
     batch: list[Measured] = []
     for own in records:
         if batch:
@@ -44,7 +46,8 @@ def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
 
 
 def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterator[Measured], int]:
-    """A log's description, its recordings and how many there are. imu : what is said of it."""
+    """A log's description, its recordings, and their number. imu : its sensor, where the user names
+    one."""
     records = list(logs.read(log, None if imu is None else imu.model(log.rate_hz or 1.0)))
     unknown = [record.name for record in records if record.heading_reference is None]
     if unknown:
@@ -73,9 +76,11 @@ def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterato
 def of_dataset(
     path: str, split: str, against: str, lifetimes: Sequence[str], told: ImuConfig | None
 ) -> tuple[Subject, Iterator[Measured], int]:
-    """A dataset split's description, its recordings and how many there are. lifetimes : whose drawn
-    errors are taken out of second copies; told : what estimators are told of the sensor instead of
-    its own law."""
+    """The description of a dataset's split, its recordings, and their number.
+
+    lifetimes : of the drawn errors that are taken out of second copies; told : the sensor that
+    estimators are told, in place of the dataset's own.
+    """
     dataset = Dataset.open_finished(path)
     indices = dataset.in_split(split)
     require(len(indices) > 0, "split", split, "has no recordings in this dataset")
@@ -111,9 +116,10 @@ def of_dataset(
 
 
 def heading_of(record: Record, against: str | None) -> float:
-    """What the record's errors are taken from, rad; NaN where they are from nothing.
+    """The heading that a record's errors are relative to, rad: the truth or the reference; NaN
+    where `against` is None.
 
-    Raises InputError where it has none, or is of a pole."""
+    Raises InputError where the record has no such heading, or was taken at a pole."""
     require(
         bool(heading_exists(record.latitude)),
         "latitude",

@@ -1,7 +1,8 @@
-"""What became of a sweep's jobs, told by each to the process that started them, wherever it runs.
+"""The results and failures of a sweep's jobs, which each job reports to the process that started
+the sweep.
 
-A launcher may run jobs in other processes, which have nothing but files in common with the first;
-of failures Hydra passes on one. A directory of the sweep's own, named in the environment, holds a
+A launcher may run jobs in other processes, which share nothing but files with the first one, and
+Hydra passes on only one failure. So the sweep has a directory, named in the environment, with a
 file for each job that has ended.
 """
 
@@ -20,20 +21,21 @@ _VARIABLE = "LBGC_SWEEP"
 
 @dataclass(frozen=True)
 class Ended:
-    """A job that has ended."""
+    """How a job of a sweep has ended."""
 
     number: int
     overrides: str
-    """What it was asked, as key=value."""
+    """The job's overrides, as key=value."""
     path: str | None
-    """The job's result; None: it has none."""
+    """Path of the job's result; None: it has none."""
     error: str | None
-    """What went wrong; None: nothing."""
+    """The error that ended it; None: it succeeded."""
 
 
 @contextmanager
 def sweep() -> Iterator[Path]:
-    """A directory for jobs to report to, in whatever process; gone in the end."""
+    """The directory that jobs report to, in whatever process; it is removed after the `with`
+    block. It is created by the first report."""
     directory = Path("outputs/multirun").resolve() / f"sweep_{os.getpid()}"
     os.environ[_VARIABLE] = str(directory)
     try:
@@ -44,7 +46,8 @@ def sweep() -> Iterator[Path]:
 
 
 def report(job: Ended) -> None:
-    """Written whole or not at all. Does nothing where no sweep is under way."""
+    """Report how a job has ended; the report is written whole or not at all. Does nothing where no
+    sweep is under way."""
     if _VARIABLE not in os.environ:
         return
     directory = Path(os.environ[_VARIABLE])
@@ -53,6 +56,6 @@ def report(job: Ended) -> None:
 
 
 def ended(directory: Path) -> list[Ended]:
-    """Jobs that have ended, by number."""
+    """The jobs that have ended, by number."""
     found = [Ended(**json.loads(file.read_text())) for file in directory.glob("[0-9]*.json")]
     return sorted(found, key=lambda job: job.number)

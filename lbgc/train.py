@@ -25,7 +25,7 @@ from lbgc.errors import (
     require_positive,
 )
 from lbgc.learning import board, description
-from lbgc.learning.augment import AugmentConfig
+from lbgc.learning.augment import AugmentConfig, check_field
 from lbgc.learning.batches import Drawn, Examples, Prepared, Sensed, Source, Stored
 from lbgc.learning.description import DESCRIPTION, FORMAT
 from lbgc.learning.estimator import SHORTEST_WINDOW_S, WEIGHTS, load_net
@@ -43,44 +43,44 @@ CHECKPOINT = "checkpoint.safetensors"
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """What `conf/train.yaml` holds."""
+    """The keys of `conf/train.yaml`."""
 
     data: str | list[str] | None = None
     """The dataset's path, or those of several: of other sensors, latitudes or scenes."""
     stream: bool = False
     """false: train on the stored recordings, augmented. true: draw new ones at every step, by the
-    dataset's own sensor model; what is stored is for validation."""
+    dataset's own sensor model; stored recordings then serve for validation."""
     mean_s: float = 5.0
-    """The model works on means over this long."""
+    """Length of the means that the model works on."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 240.0])
     """Lengths of the training windows, one drawn for each step."""
     steps: int = 2000
-    """Optimiser steps, at most."""
+    """Largest number of optimiser steps."""
     batch: int = 100
-    """Windows in each step."""
+    """Number of windows in each step."""
     learning_rate: float = 0.004
-    """Learning rate of Adam, at its highest."""
+    """Largest learning rate of Adam."""
     schedule: str = "onecycle"
     """onecycle: up within a tenth of the steps, then down. cosine: down from the start."""
     clip: float = 1.0
     """Largest norm of the gradient."""
     validate_every: int = 50
-    """Steps between looks at the validation split; the best of them is kept."""
+    """Steps between looks at the validation split; the best weights of all looks are kept."""
     patience: int | None = None
-    """Looks without a better one after which training ends early; null: never."""
+    """Number of looks without a better one after which training ends early; null: never."""
     checkpoint_every: int = 500
-    """Steps after which a killed training can go on from where it was."""
+    """Steps between checkpoints, from which a killed training can go on."""
     threads: int | None = None
-    """Threads of the network's arithmetic; null: one, but for networks so large that more are worth
-    it. No weight depends on it but for rounding."""
+    """Threads of the network's arithmetic; null: one, or more for networks large enough to gain by
+    them. Weights depend on it by rounding only."""
     tensorboard: bool = False
     """Metrics for TensorBoard too, in the run's directory."""
     warm_up: int = 0
-    """Steps at first in which a network that states a sigma learns headings alone: without a base
-    it may else find no way but to know nothing."""
+    """Number of first steps in which a network that states a sigma learns headings alone: without a
+    base it may otherwise learn no more than to state that it knows nothing."""
     tempering: int = 16_000
-    """Windows of each length, drawn afresh (stream: true), that in the end set a stated sigma
-    right: n of them tell it to 1/sqrt(2 n), 16000 to 0.6%."""
+    """Number of windows of each length, drawn afresh (stream: true), by which a stated sigma is
+    calibrated at the end: n of them determine it to 1/sqrt(2 n), 16000 to 0.6%."""
     seed: int = 1
     """Seed of the network's first weights and the order of windows."""
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -110,20 +110,22 @@ class TrainConfig:
 
     @property
     def paths(self) -> list[str]:
+        """Paths of the datasets."""
         return [self.data] if isinstance(self.data, str) else list(self.data or [])
 
     def window_steps(self, window_s: float) -> int | None:
+        """Number of the model's means in a window; None where it is not whole."""
         return whole_multiple(window_s, self.mean_s)
 
     def content(self) -> dict:
-        """What decides the trained weights."""
+        """The part of the configuration on which the trained weights depend."""
         content = asdict(self)
         del content["checkpoint_every"], content["tensorboard"], content["threads"]
         return content
 
     def plan(self, longest_s: float, reference_error_deg: float) -> TrainingPlan:
-        """The plan for recordings of this length, whose reference errs so; longer windows are left
-        out."""
+        """The settings of a training on recordings of this length, s. Longer windows are left out.
+        reference_error_deg : 1 sigma of the reference's error."""
         usable = [w for w in self.windows_s if w <= longest_s + 1e-9]
         require(
             bool(usable), "windows_s", self.windows_s, f"none fits recordings of {longest_s:g} s"
@@ -160,6 +162,7 @@ def main(config: TrainConfig) -> Path:
             print(said, flush=True)
 
     def on_look(history: Sequence[dict[str, float]]) -> None:
+        """Write the history after each look at the validation split."""
         _write_history(run, history)
         if config.tensorboard:
             board.write(run / "tensorboard", history[-1])
@@ -172,7 +175,7 @@ def main(config: TrainConfig) -> Path:
 
 
 def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
-    """A training of these datasets that has not begun."""
+    """A training on these datasets that has not begun."""
     train, validation = (_load(datasets, split, config) for split in ("train", "validation"))
     first = datasets[0].configuration
     imu = build(ImuConfig, first["imu"]).model(float(first["rate_hz"]))
@@ -183,6 +186,8 @@ def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
         source = Prepared.of(sensed, train, plan.windows_steps.values())
     else:
         units = _units(datasets)
+        if not config.stream:
+            check_field(config.augment, imu)
         windows: Source = Stored(train, units, config.augment, imu.gyro)
         if config.stream:
             windows = Streamed.of(datasets[0], datasets[0].in_split("train"), train)
@@ -193,12 +198,13 @@ def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
 
 
 def _identity(datasets: Sequence[Dataset]) -> str | list[str]:
+    """The dataset's identity, or those of several."""
     identities = [dataset.identity for dataset in datasets]
     return identities[0] if len(identities) == 1 else identities
 
 
 def _is_whole(run: Path) -> bool:
-    """Whether its model can be loaded; what is damaged is trained again."""
+    """Whether a run's model can be loaded; if not, it is said that it is trained again."""
     try:
         load_net(run)
     except InputError as error:
@@ -208,7 +214,8 @@ def _is_whole(run: Path) -> bool:
 
 
 def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Labelled:
-    """A split's whole recordings at the model's rate; every sample, where the model takes them."""
+    """A split's whole recordings at the model's rate, or at the dataset's own where the model takes
+    samples."""
     parts: list[Labelled] = []
     for path, dataset in zip(config.paths, datasets, strict=True):
         indices = dataset.in_split(split)
@@ -232,7 +239,7 @@ def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Label
 
 
 def _units(datasets: Sequence[Dataset]) -> np.ndarray:
-    """Whose sensor each training recording is of, numbered through all datasets."""
+    """The number of each training recording's unit, counted through all datasets."""
     units: list[np.ndarray] = []
     for dataset in datasets:
         before = 1 + max((int(part.max()) for part in units), default=-1)
@@ -241,6 +248,7 @@ def _units(datasets: Sequence[Dataset]) -> np.ndarray:
 
 
 def _reference_error_deg(datasets: Sequence[Dataset]) -> float:
+    """1 sigma of the reference's error. Raises InputError where datasets differ in it."""
     errors = [float(d.configuration["scene"]["reference_error_deg"]) for d in datasets]
     same = len(set(errors)) == 1
     require(same, "data", errors, "differ in scene.reference_error_deg: a sigma needs one")
@@ -248,12 +256,13 @@ def _reference_error_deg(datasets: Sequence[Dataset]) -> float:
 
 
 def _write_history(run: Path, history: Sequence[dict[str, float]]) -> None:
+    """Write the history as CSV."""
     lines = [",".join(history[0]), *(",".join(f"{v:.9g}" for v in row.values()) for row in history)]
     write_atomically(run / "history.csv", "\n".join(lines) + "\n")
 
 
 def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: Trainer) -> None:
-    """Everything of a run; the description last, since it says that the run is whole."""
+    """Write all files of a run, the description last, since it marks the run as finished."""
     history = trainer.history
     loss_curve(history).savefig(run / "loss.png", dpi=150)
     weights = {k: v.cpu().contiguous() for k, v in trainer.best.items()}
@@ -281,13 +290,13 @@ def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: 
 
 
 def validation_error(run: Path) -> float:
-    """A run's, degrees: what an optimising sweeper makes small."""
+    """A run's best validation RMSE, degrees, which an optimising sweeper minimises."""
     return float(description.read(run)["best_validation_deg"])
 
 
 if __name__ == "__main__":
     import lbgc.learning.comparison
-    import lbgc.train  # as which, and not as __main__, a launcher's processes know what is here
+    import lbgc.train  # a launcher's processes can import this module by name, not as __main__
 
     run_main(
         lbgc.train.main,

@@ -1,11 +1,13 @@
-"""The one place where datasheet units become SI: the unit is the end of the key's name."""
+"""Conversion of datasheet units to SI. The end of a key's name states its unit."""
 
 import math
 
 STANDARD_GRAVITY = 9.80665
-"""m/s^2: the g of datasheets, not of any place on Earth."""
+"""The g of datasheets, m/s^2; it is not gravity at any place on Earth."""
 
 DEG = math.pi / 180.0
+GAUSS = 1e-4
+"""T"""
 HOUR = 3600.0
 
 # suffix of a key -> (factor to SI, how the unit is written)
@@ -14,6 +16,7 @@ _SUFFIXES: dict[str, tuple[float, str]] = {
     "deg_per_sqrt_h": (DEG / math.sqrt(HOUR), "deg/sqrt(h)"),
     "deg_per_h_per_h": (DEG / HOUR**2, "deg/h/h"),
     "deg_per_h_per_g": (DEG / HOUR / STANDARD_GRAVITY, "deg/h/g"),
+    "deg_per_h_per_gauss": (DEG / HOUR / GAUSS, "deg/h/gauss"),
     "deg_per_h_per_k": (DEG / HOUR, "deg/h/K"),
     "deg_per_h": (DEG / HOUR, "deg/h"),
     "arcsec": (DEG / HOUR, "arcsec"),
@@ -38,6 +41,7 @@ _SUFFIXES: dict[str, tuple[float, str]] = {
     "ppm": (1e-6, "ppm"),
     "mrad": (1e-3, "mrad"),
     "hz": (1.0, "Hz"),
+    "gauss": (GAUSS, "gauss"),
     "nm_s_per_rad": (1.0, "N m s/rad"),
     "nm_per_rad": (1.0, "N m/rad"),
     "nm": (1.0, "N m"),
@@ -52,17 +56,19 @@ _LONGEST_FIRST = sorted(_SUFFIXES, key=len, reverse=True)
 
 
 def _suffix(key: str) -> str | None:
+    """The longest suffix of a key's name that is a unit."""
     return next((s for s in _LONGEST_FIRST if f"_{key}".endswith(f"_{s}")), None)
 
 
 def unit_of(key: str) -> str:
-    """The unit that a key's name states, as one writes it; empty where it states none."""
+    """The unit that a key's name states, in its usual notation; empty where it states none."""
     suffix = _suffix(key.rsplit(".", 1)[-1])
     return _SUFFIXES[suffix][1] if suffix else ""
 
 
 def factor(key: str) -> float:
-    """What one unit of this key is in SI: of arw_deg_per_sqrt_h, in rad/sqrt(s)."""
+    """One unit of this key in SI, such as 1 deg/sqrt(h) in rad/sqrt(s) for arw_deg_per_sqrt_h.
+    Raises KeyError where the key's name ends in no unit."""
     suffix = _suffix(key)
     if suffix is None:
         raise KeyError(f"the key {key!r} ends in no unit")
@@ -90,10 +96,10 @@ VELOCITY_UNITS: dict[str, float] = {
 
 
 def rate_factor(unit: str, rate_hz: float) -> float:
-    """rad/s in this unit of a rate, or of a rate's increments at so many samples a second."""
+    """The value in rad/s of a unit of a rate, or of an angle increment at `rate_hz`."""
     return RATE_UNITS[unit] if unit in RATE_UNITS else ANGLE_UNITS[unit] * rate_hz
 
 
 def force_factor(unit: str, rate_hz: float) -> float:
-    """m/s^2 in this unit of a force, or of a force's increments at so many samples a second."""
+    """The value in m/s^2 of a unit of a force, or of a velocity increment at `rate_hz`."""
     return FORCE_UNITS[unit] if unit in FORCE_UNITS else VELOCITY_UNITS[unit] * rate_hz

@@ -1,7 +1,7 @@
-"""YAML that a user brings along (`--config-dir`), looked at before Hydra reads any of it.
+"""Checks of a user's own YAML files (`--config-dir`) before Hydra reads any of them.
 
-Hydra can run what a file names (`_target_`, callbacks, logging classes), and YAML can be small and
-grow without end (aliases of aliases). A sensor's figures need none of it, so it is refused.
+Hydra can run code that a file names (`_target_`, callbacks, logging classes), and a small YAML file
+can grow without end (aliases of aliases). A sensor's figures need neither, so both are refused.
 """
 
 import argparse
@@ -22,23 +22,24 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def brought(arguments: Sequence[str]) -> list[Path]:
-    """Directories of configurations that a command line names."""
+    """The directories of configurations that a command line names."""
     parser = argparse.ArgumentParser(add_help=False, exit_on_error=False)
     for name, short in (("--config-dir", "-cd"), ("--config-path", "-cp")):
         parser.add_argument(name, short)
     try:
         named, _ = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError:
-        return []  # Hydra says what is wrong with it
+        return []  # Hydra reports the error
     return [Path(value) for value in vars(named).values() if value]
 
 
 def check_directory(directory: Path) -> None:
-    """Raises ValueError, saying which file and why, where Hydra may not read what is there."""
+    """Check all YAML files in a directory. Raises ValueError, with the file and the reason, where
+    Hydra may not read one."""
     seen = 0
     for place, inside, names in os.walk(directory):
         for name in inside:
-            if Path(place, name).is_symlink():  # not walked into, and Hydra would
+            if Path(place, name).is_symlink():  # os.walk does not follow it, but Hydra would
                 raise ValueError(f"{Path(place, name)} is a link to a directory")
         for name in sorted(names):
             if not name.endswith(".yaml"):
@@ -55,7 +56,7 @@ def check_directory(directory: Path) -> None:
 
 
 def check(content: bytes, name: str) -> None:
-    """One file. Raises ValueError, saying why it is refused."""
+    """Check one file's content. Raises ValueError, with the reason, where it is refused."""
     if len(content) > _MOST_BYTES:
         raise ValueError(f"{name} is longer than {_MOST_BYTES} bytes")
     try:
@@ -71,25 +72,28 @@ def check(content: bytes, name: str) -> None:
 
 @dataclass
 class _Open:
-    """A list or a mapping that has begun and not ended."""
+    """A list or a mapping whose end has not been read yet."""
 
     anchor: str | None
     is_mapping: bool
     size: int = 1
+    """Number of values so far, with every alias written out"""
     key: str | None = None
-    """The key that came last."""
+    """The key that was read last"""
     key_due: bool = True
+    """Whether a key comes next, and not a value"""
 
 
 class _Check:
-    """Goes through YAML's events: size as it would be with every alias written out, depth, and keys
-    that mean something to Hydra."""
+    """A check of YAML's events that refuses too many values, with every alias written out, too deep
+    nesting, and keys that have a meaning to Hydra."""
 
     def __init__(self) -> None:
         self.open = [_Open(None, False)]
         self.sizes: dict[str, int] = {}
 
     def run(self, text: str) -> None:
+        """Check a YAML text. Raises ValueError where it is refused."""
         for event in yaml.parse(text, _LOADER):
             self._take(event)
             if sum(part.size for part in self.open) > _MOST_NODES:
@@ -98,6 +102,7 @@ class _Check:
                 raise ValueError(f"is nested more than {_MOST_DEPTH} deep")
 
     def _take(self, event: yaml.Event) -> None:
+        """Check one event."""
         if getattr(event, "tag", None) not in (None, "!"):
             raise ValueError(f"the tag {event.tag}")
         if isinstance(event, yaml.CollectionStartEvent):
@@ -117,12 +122,15 @@ class _Check:
                 raise ValueError("hydra as an alias")
 
     def _add(self, size: int, anchor: str | None) -> None:
+        """Count a value of this size into the innermost collection, and keep the size by its
+        anchor."""
         self.open[-1].size += size
         if anchor:
             self.sizes[anchor] = size
 
     def _key_or_value(self, text: str | None) -> None:
-        """Whichever is due in the innermost mapping; text is None for what is no scalar."""
+        """Take a node as the key or as the value that comes next in the innermost mapping, and
+        check keys. text : a scalar's; None for other nodes."""
         inside = self.open[-1]
         if not inside.is_mapping:
             return
@@ -137,6 +145,7 @@ class _Check:
 
 
 def _check_scalar(value: str) -> None:
+    """Raise ValueError at a scalar with several interpolations, or at a number of many digits."""
     if value.count("${") > 1 or ("${" in value and len(value) > _MOST_DIGITS):
         raise ValueError("a value with more than one ${...}")
     if len(value) > _MOST_DIGITS and value.lstrip("+-").replace("_", "").isdigit():

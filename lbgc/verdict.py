@@ -1,11 +1,12 @@
-"""Whether north can be found at all: said before every table of headings or errors.
+"""The verdict whether north can be found at all, which stands before every table of headings or
+errors.
 
-It cannot where the floor, the least error to be expected of any estimator with this sensor, course
-of the plate and window, is above 60 degrees: a guess has 104, and an answer with such an error is
-no heading. The sensor is taken as it is stated. Where nothing is stated of its bias, or where the
-log's own rates speak against what is, its bias is taken to be as large as those rates show: with
-the plate at rest a recording's mean rate differs from Earth's by the bias, but for the part of it
-that a heading can explain.
+It cannot be found where the floor, the least error to be expected of any estimator with this
+sensor, course of the plate and window, is above 60 degrees: a guess has 104, and an answer with
+such an error is no heading. The sensor is taken as it is stated. Where nothing is stated of its
+bias, or where the log's own rates contradict what is stated, its bias is taken to be as large as
+those rates show: with the plate at rest a recording's mean rate differs from Earth's by the bias,
+of which a heading can explain one part.
 """
 
 from collections.abc import Sequence
@@ -27,14 +28,15 @@ from lbgc.sensor.datasheet import GyroConfig, ImuConfig
 from lbgc.sensor.imu import ImuModel
 
 MOST_DEG = 60.0
-"""Largest floor, degrees, with which there is a heading."""
+"""Largest floor, degrees, at which north can be found."""
 _MEDIAN = np.sqrt(2 * np.log(2.0))
-"""Median length of two standard normals: a residual has two parts that no heading explains."""
+"""Median length of a vector of two standard normals: a rate's residual has two components that no
+heading explains."""
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
-_SHAKEN = 3.0
+_SHAKEN = 3.0  # ratio of scatters above which the base is said to move
 _LEAST = 1e-5 * EARTH_RATE
-"""rad/s: a rate without any noise is not known better."""
-_RESTS = np.deg2rad(0.01)
+"""Least uncertainty of a mean rate, rad/s, also of a rate without any noise."""
+_RESTS = np.deg2rad(0.01)  # rad, travel up to which the plate rests
 
 
 @dataclass(frozen=True)
@@ -43,53 +45,55 @@ class Verdict:
 
     window_s: float
     floor_deg: float
-    """RMSE to be expected of the Bayes-optimal estimator."""
+    """Expected RMSE of the Bayes-optimal estimator."""
     cause: str
-    """What makes most of the floor."""
+    """The cause of errors that contributes most to the floor."""
 
     @property
     def can(self) -> bool:
+        """Whether north can be found."""
         return self.floor_deg <= MOST_DEG
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What resting recordings' own mean rates say of the gyros' bias."""
+    """The evidence on the gyros' bias in the mean rates of resting recordings."""
 
     mean_rate: float
-    """rad/s, the mean rate's length, root mean square over recordings"""
+    """rad/s, length of the mean rate, root mean square over recordings"""
     vertical: float
-    """rad/s, by which the vertical rate differs from Earth's, likewise"""
+    """rad/s, difference of the vertical rate from Earth's, likewise"""
     off: float
-    """rad/s, by which the rate differs from any that Earth could cause, likewise"""
+    """rad/s, difference of the rate from any that Earth could cause, likewise"""
     noise: float
     """rad/s, 1 sigma of the mean rate's own noise, an axis"""
     white: float
-    """rad/sqrt(s), white noise by the scatter of means, of those lengths that have least of it:
-    what shakes the base or is counted averages out faster, what is slow not at all"""
+    """rad/sqrt(s), white noise by the scatter of means, of the length that shows least of it: a
+    shaken base and counts average out faster than white noise, slow errors do not at all"""
     shaken: float
-    """Scatter of means over a second or so by what the stated noise makes of them, or that white
-    noise where nothing is stated; 1: all of it"""
+    """Scatter of means over a second or so, over the scatter by the stated noise, or by `white`
+    where nothing is stated; 1 where it is explained"""
     chi: float
-    """Chi-square of that difference under what is stated, mean over recordings; 0: nothing is"""
+    """Chi-square of the difference `off` under what is stated of the sensor, mean over recordings;
+    0 where nothing is stated"""
 
     @property
     def bias(self) -> float:
-        """Size of one gyro's bias, rad/s, that makes such a difference as often as not; what hides
-        in the noise, as large as that."""
+        """Size of one gyro's bias, rad/s, for which a difference `off` or larger has a probability
+        of a half; not less than the noise, in which a bias could hide."""
         shown = np.sqrt(max(self.off**2 - 2 * self.noise**2, 0.0)) / _MEDIAN
         return float(max(shown, self.noise))
 
     @property
     def contradicts(self) -> bool:
-        """Whether what is stated of the sensor allows such a difference less than once in a
-        million."""
+        """Whether the difference `off` has a probability of less than one in a million under what
+        is stated of the sensor."""
         return self.chi > FIVE_SIGMA
 
 
 def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None:
-    """What recordings whose plate rests say of the gyros' bias; None where none rests. imu : what
-    is stated."""
+    """The evidence on the gyros' bias in those recordings whose plate rests; None where none does.
+    imu : the stated sensor."""
     found = []
     for record in records:
         if np.ptp(record.plate_angle) > _RESTS:
@@ -101,7 +105,7 @@ def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None
         chi, off = residual(rate, force, record.latitude, sigma)
         down = -force / np.linalg.norm(force)
         figures = np.linalg.norm(rate), down @ off, np.linalg.norm(off), np.mean(noise)
-        found.append((*figures, *_white(record), 0.0 if stated is None else chi))
+        found.append((*figures, *_white_noise(record), 0.0 if stated is None else chi))
     if not found:
         return None
     every = np.array(found, float)
@@ -113,9 +117,9 @@ def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None
     return Evidence(mean_rate, vertical, off, noise, white, shaken, float(np.mean(every[:, 6])))
 
 
-def _white(record: Record) -> tuple[float, float]:
-    """White noise, rad/sqrt(s), as neighbouring means would have it: by the lengths of means that
-    show least of it, and by a second or so, the shortest looked at."""
+def _white_noise(record: Record) -> tuple[float, float]:
+    """White noise, rad/sqrt(s), by the differences of neighbouring means: the least over several
+    lengths of means, and that of the shortest length, a second or so."""
     shortest = max(1, min(round(record.rate_hz), len(record.gyro) // 32))
     found: list[float] = []
     while shortest * 2 ** len(found) * 16 <= len(record.gyro):
@@ -127,8 +131,8 @@ def _white(record: Record) -> tuple[float, float]:
 
 
 def _stated_scatter(imu: ImuModel) -> float:
-    """What a sensor of this law would show of `_white` by means over a second, root mean square
-    over its axes."""
+    """The white noise, rad/sqrt(s), that `_white_noise` would find with this sensor by means over a
+    second, root mean square over its axes."""
     every = [gaussian.covariance_of_means(t, 2, 1.0) for t in imu.gyro.terms_of_means(imu.dt) if t]
     return float(np.sqrt(sum(C[0, 0] - C[0, 1] for C in every) / 3))
 
@@ -140,8 +144,8 @@ def judged(
     window_s: float,
     lean: tuple[float, float] = (0.0, 0.0),
 ) -> Verdict:
-    """The verdict on windows of this length and course of the plate, of a sensor of this law, on a
-    base of this roll and pitch, rad."""
+    """The verdict on windows of this length and course of the plate, for a sensor of this model, on
+    a base that leans by roll and pitch, rad."""
     told = information(imu, course, site, lean=lean)
     floor = float(np.rad2deg(min(expected_floor(told), CHANCE)))
     parts = budget(imu, course, site, _HEADINGS, lean)
@@ -149,8 +153,8 @@ def judged(
 
 
 def verdicts(imu: ImuModel, record: Record, windows_s: Sequence[float]) -> list[Verdict]:
-    """Verdicts on the recording's first window of each length that it is long enough for, and whose
-    plate does what tells of north."""
+    """The verdicts on the recording's first window of each length, s. Lengths are left out for
+    which it is too short, or in whose window the plate never rests or turns evenly."""
     found = []
     for window_s in sorted(windows_s):
         try:
@@ -167,8 +171,8 @@ def verdicts(imu: ImuModel, record: Record, windows_s: Sequence[float]) -> list[
 
 
 def assumed(seen: Evidence, bias: float | None) -> ImuModel:
-    """A sensor of which nothing is stated: its white noise by the log's scatter, its bias as said,
-    rad/s, or by the log's own rates."""
+    """The model that is assumed for a sensor of which nothing is stated: white noise by the log's
+    scatter, and this bias, rad/s, or where it is None the one by the log's own rates."""
     own = seen.bias if bias is None else bias
     gyro = GyroConfig(
         arw_deg_per_sqrt_h=float(np.rad2deg(seen.white) * 60),
@@ -178,7 +182,8 @@ def assumed(seen: Evidence, bias: float | None) -> ImuModel:
 
 
 def as_seen(imu: ImuModel, seen: Evidence) -> ImuModel:
-    """The sensor with a bias as large as the log's own rates show, where less is stated."""
+    """The sensor with its run bias raised to the size that the log's own rates show, where less is
+    stated."""
     size = np.maximum(imu.gyro.bias("run"), np.abs(seen.bias))
     return replace(imu, gyro=imu.gyro.with_bias(run=tuple(size.tolist())))
 
@@ -186,8 +191,8 @@ def as_seen(imu: ImuModel, seen: Evidence) -> ImuModel:
 def said(
     name: str, sensor: str | None, found: Sequence[Verdict], seen: Evidence | None
 ) -> list[str]:
-    """The verdict in plain sentences. name : whose windows; sensor : its name, where one is told;
-    found : by window length."""
+    """The verdicts in plain sentences. name : of the dataset or log; sensor : its name, where it is
+    known; found : by window length."""
     lines = []
     whose = name if sensor is None else f"{name} with {sensor}"
     for can in (False, True):
@@ -212,6 +217,7 @@ def said(
 
 
 def _rates(seen: Evidence) -> str:
+    """The log's mean rate beside Earth's, in words."""
     return (
         f"mean rate {seen.mean_rate * PER_HOUR:.4g} deg/h where {EARTH_RATE * PER_HOUR:.4g} is "
         "Earth's"
@@ -221,8 +227,8 @@ def _rates(seen: Evidence) -> str:
 def about(
     seen: Evidence | None, imu: ImuModel | None, sensor: str | None, limit: float | None
 ) -> list[str]:
-    """What the verdict's sensor is, where it is not simply the stated one. limit : rad/s, 1 sigma
-    of the bias by the user's limit."""
+    """Sentences on the sensor that the verdict assumes, where it is not simply the stated one, and
+    on a base that moves. limit : rad/s, 1 sigma of the bias by the user's limit."""
     if seen is None:
         return []
     lines = []
@@ -240,6 +246,7 @@ def about(
 def _about_bias(
     seen: Evidence, imu: ImuModel | None, sensor: str | None, limit: float | None
 ) -> list[str]:
+    """The sentence on the bias that the verdict assumes, where it is not the stated one."""
     off = (
         f"the mean rate differs from any that Earth could cause by {seen.off * PER_HOUR:.3g} deg/h "
         f"(the vertical one by {seen.vertical * PER_HOUR:.3g})"
@@ -279,12 +286,12 @@ def reached(
     doubted: bool,
     limit: float | None = None,
 ) -> tuple[list[Verdict], list[str]]:
-    """The verdict on windows of these recordings, and the sentences that say it.
+    """The verdicts on windows of these recordings, and the sentences that state them.
 
-    name, sensor, imu : whose, and what is stated of the sensor, where anything is; records : some,
-    the first being the one whose plate's course is taken; doubted : whether what is stated may not
-    be so, as it may of all but a simulation's own sensor; limit : rad/s, 1 sigma of the bias that
-    the user said where no sensor is named.
+    name : of the dataset or log; sensor, imu : the stated sensor's name and model, where one is
+    stated; records : some of the recordings, of which the longest gives the plate's course;
+    doubted : whether the statement may be wrong, as it may for every sensor but a simulation's own;
+    limit : rad/s, 1 sigma of the bias by the user's limit where no sensor is named.
     """
     seen = evidence(records, imu) if doubted else None
     notes = about(seen, imu, sensor, limit)

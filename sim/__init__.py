@@ -1,5 +1,6 @@
-"""The bench: what moves, and what the sensors feel. It may import lbgc; lbgc never imports it."""
+"""The simulated bench: what moves, and the true rates and forces. It may import lbgc, which never
+imports it."""
 
-from sim.opengl import settle
+from .opengl import settle
 
 settle()

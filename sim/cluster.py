@@ -1,7 +1,7 @@
-"""Who makes the shards: this process, others on this machine, or a dask cluster.
+"""Where shards are made: in this process, in other processes on this machine, or on a dask cluster.
 
-A task is a whole shard, which depends on the configuration and its own number alone: whoever makes
-it, and however often, the bytes are the same. What a lost worker had begun is done again.
+A task is a whole shard, which depends on the configuration and its own number alone: whichever
+worker makes it, and however often, the bytes are the same. Shards of a lost worker are made again.
 """
 
 import os
@@ -24,17 +24,18 @@ from lbgc import cores
 from lbgc.errors import InputError, require, require_choice
 
 _LOSSES = 3
-"""Workers lost in a row, no shard finished in between, until it is no accident."""
+"""Losses of workers in a row, with no shard finished in between, after which it is an error."""
 
 
 @dataclass(frozen=True)
 class ClusterConfig:
-    """What `conf/cluster/*.yaml` hold."""
+    """The choice of workers, which `conf/cluster/*.yaml` hold."""
 
     kind: str = "serial"
-    """serial; local: processes on this machine; dask: a scheduler that is running already."""
+    """serial: this process; local: processes on this machine; dask: a scheduler that is running
+    already."""
     workers: int | None = None
-    """Processes of cluster=local; null: one a core."""
+    """Number of processes of cluster=local; null: one a core."""
     address: str | None = None
     """Address of the dask scheduler."""
 
@@ -52,22 +53,23 @@ class ClusterConfig:
 
     @property
     def processes(self) -> int:
+        """The number of processes on this machine."""
         return (self.workers or cores.count()) if self.kind == "local" else 1
 
     @property
     def threads(self) -> int:
-        """Threads for one task; no number depends on it. On another's cluster a task is one of
-        many."""
+        """The number of threads for one task, on which no result depends. On a dask cluster it is
+        one, since a task is one of many there."""
         return 1 if self.kind == "dask" else max(1, cores.count() // self.processes)
 
 
 def finished(
     config: ClusterConfig, task: Callable[[int], object], shards: Sequence[int]
 ) -> Iterator[int]:
-    """Have `task(shard)` done for all shards; yields each as it is done.
+    """Run `task(shard)` for all shards; yields each shard when it is done.
 
-    task : importable, its arguments too, since it is sent to other processes. Raises what a task
-    raises, and InputError where there are no workers, or where they keep getting lost.
+    task : must be importable, its arguments too, since it is sent to other processes. Raises what a
+    task raises, and InputError where there are no workers, or where workers keep being lost.
     """
     if config.kind == "dask":
         assert config.address is not None
@@ -78,11 +80,13 @@ def finished(
 def _by_processes(
     workers: int, task: Callable[[int], object], shards: Sequence[int]
 ) -> Iterator[int]:
+    """Run the tasks in processes on this machine, with a new pool after workers were lost."""
     left, losses = list(shards), 0
     while left:
         with _uninterrupted():
             pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker)
-        with _uninterrupted():  # anew: Python has lifted the mask to start its resource tracker
+        # A second block, since Python lifts the mask to start its resource tracker.
+        with _uninterrupted():
             futures = {pool.submit(task, shard): shard for shard in left}
         try:
             for future in as_completed(futures):
@@ -95,7 +99,7 @@ def _by_processes(
             what = "workers keep being killed: is there memory enough for so many?"
             require(losses < _LOSSES, "cluster.workers", workers, what)
         except BaseException:
-            # Whatever else: nobody waits for the shards that were begun.
+            # After any other error nobody waits for the shards that were begun.
             with _uninterrupted():
                 for child in active_children():
                     child.terminate()
@@ -107,14 +111,15 @@ def _by_processes(
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """An interruption comes when the block is over; processes started in it never get one.
+    """A context that delays an interruption (SIGINT) to its end; processes that are started in it
+    never get one, because they inherit the signal mask.
 
-    Half-way through, the pool would lose a worker, or remove a semaphore and not say so: at the
-    end Python's resource tracker complains of each. The mask is what a started process inherits.
+    An interruption half-way through would make the pool lose a worker, or remove a semaphore
+    without the knowledge of Python's resource tracker, which complains of each at the end.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield  # interruptions reach the main thread alone, or nobody, or end the process
+        yield  # interruptions reach the main thread only, or are ignored, or end the process
         return
     came: list[bool] = []
     signal.signal(signal.SIGINT, lambda *_: came.append(True))
@@ -129,11 +134,13 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _start_worker() -> None:
-    """An interruption is the parent's to handle; with a parent that is killed a worker ends too.
+    """Prepare a worker: it ignores interruptions, which its parent handles, and ends when its
+    parent is killed.
 
-    A worker is told to end (SIGTERM) at any time, perhaps twice, and does so at once. So it must
-    own nothing that outlives it: a lock (the compressor's) has no name from its first moment on
-    where processes are forked, of which there are none, and a name to be removed otherwise.
+    A worker may be told to end (SIGTERM) at any time, perhaps twice, and does so at once. So it
+    must own nothing that outlives it. A lock, such as the compressor's, has no name from the start
+    under the start method "fork" (no process is forked here), and a name to be removed under
+    others.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     set_start_method("fork", force=True)
@@ -141,6 +148,7 @@ def _start_worker() -> None:
 
 
 def _end_with_parent() -> None:
+    """Wait until the parent process has ended, then end this one."""
     parent = parent_process()
     assert parent is not None
     connection.wait([parent.sentinel])
@@ -148,6 +156,7 @@ def _end_with_parent() -> None:
 
 
 def _by_dask(address: str, task: Callable[[int], object], shards: Sequence[int]) -> Iterator[int]:
+    """Run the tasks on the dask cluster of the scheduler at this address."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""What `conf/generate.yaml` holds: a dataset to be made."""
+"""The configuration of a dataset to be generated, which `conf/generate.yaml` holds."""
 
 from dataclasses import asdict, dataclass, field
 
@@ -6,37 +6,38 @@ from lbgc.data.record import whole_multiple
 from lbgc.errors import require, require_choice, require_not_negative, require_positive
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.datasheet import ImuConfig
-from sim.cluster import ClusterConfig
-from sim.poses import Bench
-from sim.turntable import SceneConfig
+
+from .cluster import ClusterConfig
+from .poses import Bench
+from .turntable import SceneConfig
 
 
 @dataclass(frozen=True)
 class GenerateConfig:
-    """What `conf/generate.yaml` holds."""
+    """The configuration of a dataset to be generated, which `conf/generate.yaml` holds."""
 
     latitude: float = 32.76
-    """degrees, north positive"""
+    """Latitude, degrees, north positive"""
     height_m: float = 0.0
-    """Height above the ellipsoid: gravity is less up there."""
+    """Height above the ellipsoid, with which gravity decreases."""
     rate_hz: float = 600.0
     """Samples a second of the IMU."""
     duration_s: float = 240.0
     """Duration of each recording."""
     recordings: int = 80
-    """How many recordings the dataset has."""
+    """Number of recordings in the dataset."""
     seed: int = 1
-    """Seed of the recordings: which are drawn."""
+    """Seed from which the recordings are drawn."""
     unit_seed: int = 4
-    """Seed of the units: whose sensors the recordings are of."""
+    """Seed from which the units' sensors are drawn."""
     units: int = 1
-    """Serial numbers; recordings go round them in turn."""
+    """Number of units (serial numbers), to which recordings are assigned in turn."""
     sessions: int = 1
-    """Power-ups of each unit; its recordings go round them in turn."""
+    """Number of sessions (power-ups) of each unit, to which its recordings are assigned in turn."""
     split: list[int] = field(default_factory=lambda: [70, 10, 20])
     """Shares of training, validation and test."""
     split_by: str = "recording"
-    """recording, session or unit: what is never in two parts."""
+    """recording, session or unit, of which none is in two parts of the split."""
     output: str = "samples"
     """samples: every sample; means: block means over mean_s."""
     mean_s: float = 5.0
@@ -44,10 +45,13 @@ class GenerateConfig:
     out: str | None = None
     """The dataset's path, or an fsspec URL; null: outputs/generate/<hash>/dataset.zarr."""
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
-    """Who does the work. It decides nothing of the dataset."""
+    """The workers that make the shards. The dataset does not depend on them."""
     imu: ImuConfig = field(default_factory=ImuConfig)
+    """The sensor."""
     scene: SceneConfig = field(default_factory=SceneConfig)
+    """The bench."""
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
+    """What the plate is commanded to do."""
 
     def __post_init__(self) -> None:
         require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
@@ -66,7 +70,8 @@ class GenerateConfig:
         plan(self.protocol, 0, self.duration_s)
 
     def _check_means(self) -> None:
-        """Means are of samples that all came."""
+        """Raise InputError where means are asked for and samples have timing errors, which means
+        cannot represent."""
         timing = self.imu.timing
         for name, value in vars(timing).items():
             require(
@@ -77,6 +82,8 @@ class GenerateConfig:
             )
 
     def _check_rates(self) -> None:
+        """Raise InputError unless samples are whole physics steps, recordings whole samples, and
+        means whole samples that divide a recording."""
         physics = self.scene.physics_hz
         require(
             whole_multiple(physics, self.rate_hz) is not None,
@@ -102,20 +109,22 @@ class GenerateConfig:
 
     @property
     def samples(self) -> int:
-        """Samples of the sensor in a recording."""
+        """The number of the sensor's samples in a recording."""
         return round(self.duration_s * self.rate_hz)
 
     @property
     def block(self) -> int:
-        """Samples per stored value."""
+        """The number of samples in a stored value."""
         return round(self.mean_s * self.rate_hz) if self.output == "means" else 1
 
     @property
     def bench(self) -> Bench:
+        """The scene with the rate and the number of samples of a recording."""
         return Bench(self.scene, self.rate_hz, self.samples)
 
     def content(self) -> dict:
-        """What decides the dataset's content: everything but where it goes and who makes it."""
+        """The part of the configuration on which the dataset's content depends: all but its path
+        and the workers."""
         content = asdict(self)
         del content["out"], content["cluster"]
         return content

@@ -3,6 +3,8 @@
 python sim/generate.py latitude=32.76
 """
 
+__package__ = __package__ or "sim"  # it has none where it runs as a script (PEP 366)
+
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -18,22 +20,23 @@ import lbgc
 from lbgc.commands import run_main
 from lbgc.data import store
 from lbgc.data.place import Place
-from lbgc.data.schema import SCHEMA
+from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.shard import Shard
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require
 from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import plan
 from lbgc.sensor.dither import check_means
-from sim import cluster
-from sim.configuration import GenerateConfig
-from sim.physics import check_servo
-from sim.picture import try_picture
-from sim.recordings import Sensor, batches
+
+from . import cluster
+from .configuration import GenerateConfig
+from .physics import check_servo
+from .picture import try_picture
+from .recordings import Sensor, batches
 
 
 def main(config: GenerateConfig) -> Path | str:
-    """Generate the dataset (or what is missing or damaged of it) and return where it is."""
+    """Generate a dataset, or the shards of it that are missing or damaged, and return its path."""
     sensor = Sensor.of(config)
     latitude = float(np.deg2rad(config.latitude))
     planned = plan(config.protocol, 0, config.duration_s)
@@ -65,7 +68,7 @@ def main(config: GenerateConfig) -> Path | str:
 
 
 def _generate(config: GenerateConfig, place: Place, sensor: Sensor) -> None:
-    """Every shard that the dataset there lacks, and those that are damaged."""
+    """Make all shards that are missing or damaged in the dataset at this place."""
     where = str(place.local.resolve() if place.local else place)
     dataset = store.create(where, _layout(config, sensor), config.content(), _recipe())
     shards = dataset.unfinished_shards()
@@ -78,11 +81,11 @@ def _generate(config: GenerateConfig, place: Place, sensor: Sensor) -> None:
         require(not place.in_memory, "out", place, "is this process's alone: use cluster=serial")
         for shard in cluster.finished(config.cluster, partial(make_shard, config, where), shards):
             bar.update(len(dataset.layout.rows(shard)))
-    store.remove_strays(place)  # of workers that were lost
+    store.remove_strays(place)  # partial files of workers that were lost
 
 
 def make_shard(config: GenerateConfig, path: str, shard: int) -> None:
-    """Make a shard of a dataset that was started: a worker's task."""
+    """Make one shard of a dataset that was begun at this path, as a worker's task."""
     _make(config, store.Dataset.open(path), shard, int)
 
 
@@ -90,10 +93,10 @@ def make_shard(config: GenerateConfig, path: str, shard: int) -> None:
 def _make(
     config: GenerateConfig, dataset: store.Dataset, shard: int, tick: Callable[[], object]
 ) -> None:
-    """Make a shard of an open dataset. `tick` hears each recording.
+    """Make one shard of an open dataset. tick : is called for each recording.
 
-    By one thread: those of several workers would wait for each other's cores, which took twice the
-    time, and a product's last bits could depend on how many there are.
+    Linear algebra uses one thread: those of several workers would wait for each other's cores,
+    which took twice the time, and the last bits of a product could depend on their number.
     """
     rows = dataset.layout.rows(shard)
     made = Shard(dataset.layout, len(rows))
@@ -105,7 +108,8 @@ def _make(
 
 
 def _out(config: GenerateConfig) -> Path | str:
-    """Where the dataset goes."""
+    """The dataset's path or URL: the configured one, or one in the task's output directory. Raises
+    InputError where that is a file."""
     if config.out is None:
         identity = fingerprint({"schema": SCHEMA, **config.content()})
         return task_directory("generate", identity) / "dataset.zarr"
@@ -116,7 +120,9 @@ def _out(config: GenerateConfig) -> Path | str:
 
 
 def _layout(config: GenerateConfig, sensor: Sensor) -> store.Layout:
+    """The dataset's layout, with the sensors' counts as scale factors where samples are stored."""
     as_counts = config.output == "samples"
+    drawn = {f"{name}_{error.name}" for name, triad, _ in sensor.triads() for error in triad.drawn}
     return store.Layout(
         recordings=config.recordings,
         samples=config.samples // config.block,
@@ -125,10 +131,12 @@ def _layout(config: GenerateConfig, sensor: Sensor) -> store.Layout:
             "gyro": sensor.gyro.output_scale(1 / config.rate_hz) if as_counts else None,
             "accel": sensor.accel.output_scale(1 / config.rate_hz) if as_counts else None,
         },
+        variables=tuple(n for n, v in VARIABLES.items() if not v.optional or n in drawn),
     )
 
 
 def _recipe() -> dict:
+    """The packages' versions, which are stored with the dataset."""
     return {
         "versions": {
             "lbgc": lbgc.__version__,
@@ -140,6 +148,6 @@ def _recipe() -> dict:
 
 
 if __name__ == "__main__":
-    import sim.generate  # as which, and not as __main__, workers elsewhere know what is here
+    from . import generate  # under this name, not as __main__, other processes can import the tasks
 
-    run_main(sim.generate.main, sim.generate.GenerateConfig, "generate")
+    run_main(generate.main, generate.GenerateConfig, "generate")

@@ -20,12 +20,14 @@ from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotation_z, wrap
 from lbgc.protocol import REST, SETTLE, SLEW, Plan
 from lbgc.sensor import streams
-from sim import kinematics, sway
-from sim.disturbance import Floor, pick
-from sim.kinematics import Felt
-from sim.physics import execute, execute_resting, execute_swaying, lead_steps
-from sim.poses import Bench, Executed
-from sim.turntable import SceneConfig
+from lbgc.sensor.errors import Triple
+
+from . import kinematics, sway
+from .disturbance import Floor, pick
+from .kinematics import Felt
+from .physics import execute, execute_resting, execute_swaying, lead_steps
+from .poses import Bench, Executed
+from .turntable import SceneConfig
 
 _POSES_BYTES = 1e8  # of a batch of swaying recordings, at the most
 _TOGETHER_VALUES = 1e5  # of each axis, of recordings on plates that move: worked out at once
@@ -89,6 +91,8 @@ class Truth:
     (3, n block), where they were asked for"""
     f_ib_b: np.ndarray
     """m/s^2, likewise"""
+    field: np.ndarray | None
+    """T, likewise: the magnetic field, where it is asked for"""
     plate_angle: np.ndarray
     """(n,), rad, as the encoder reads it at the samples' ends, mean over the block"""
     stage: np.ndarray
@@ -113,7 +117,8 @@ class Truth:
 
     def __getitem__(self, rows: int | slice) -> "Truth":
         """One recording's, or some ones'."""
-        return Truth(**{name: values[rows] for name, values in vars(self).items()})
+        own = ((name, values) for name, values in vars(self).items() if values is not None)
+        return Truth(**{"field": None, **{name: values[rows] for name, values in own}})
 
 
 def truth(bench: Bench, plan: Plan, latitude: float, drawn: Draw) -> Truth:
@@ -133,16 +138,18 @@ def truths(
     height: float = 0.0,
     block: int = 1,
     every_sample: bool = False,
+    field: Triple | None = None,
 ) -> Iterator[Truth]:
     """The truth of several recordings, some at a time; they share so many threads where the base
     sways. Each is worked out by itself, to the bit, whatever others there are.
 
     height : m, above the ellipsoid; block : samples, to take means over; every_sample : of rate and
-    force take none, since the sensor is not linear."""
+    force take none, since the sensor is not linear; field : north, east and down, T: the magnetic
+    field, where it is felt."""
     gravity = normal_gravity(latitude, height)
     felt_block = 1 if every_sample else block
     if not bench.scene.sway.present and not bench.scene.floor.moves:
-        yield from _rigid(bench, gravity, plans, latitude, draws, block, felt_block)
+        yield from _rigid(bench, gravity, plans, latitude, draws, block, felt_block, field)
         return
     for drawn, executed in _executed(bench, gravity, plans, draws, threads):
         start, control = _at_start(executed, drawn)
@@ -155,6 +162,7 @@ def truths(
         yield Truth(
             omega_ib_b=felt.omega(earth)[None],
             f_ib_b=felt.force(earth, down)[None],
+            field=None if field is None else felt.in_body(to_n.T @ field).T[None],
             plate_angle=plate_angle[None],
             stage=stage[None],
             attitude=_attitude(ends, start, executed, block)[None],
@@ -174,6 +182,7 @@ def _rigid(
     draws: Sequence[Draw],
     block: int,
     felt_block: int,
+    field: Triple | None,
 ) -> Iterator[Truth]:
     """Truth on bases that do not move: all that rest together, or that one execution of a plan
     serves."""
@@ -184,7 +193,7 @@ def _rigid(
         while some := list(islice(alike, together if moving else None)):
             planned, own = zip(*some, strict=True)
             one = [execute(bench, gravity, moving)] if moving else [resting[p] for p in planned]
-            yield _rigid_truth(one, own, latitude, gravity, block, felt_block)
+            yield _rigid_truth(one, own, latitude, gravity, block, felt_block, field)
 
 
 def _rigid_truth(
@@ -194,6 +203,7 @@ def _rigid_truth(
     gravity: float,
     block: int,
     felt_block: int,
+    field: Triple | None,
 ) -> Truth:
     """executed : one for all, or of plates that rest, each its own."""
     moves = executed[0].moves
@@ -215,6 +225,7 @@ def _rigid_truth(
     return Truth(
         omega_ib_b=omega,
         f_ib_b=force,
+        field=None if field is None else _in_body(felt, field @ (to_n @ level)),
         plate_angle=plate_angle,
         stage=stage,
         attitude=_rigid_attitudes(executed[0], lean, block) if moves else attitude,

@@ -1,5 +1,5 @@
-"""What MuJoCo draws with, settled before it is imported: its import fails where that is not there,
-and a bench need not be drawn to be simulated."""
+"""The choice of MuJoCo's renderer before MuJoCo is imported. Its import fails where the renderer is
+missing, although a bench can be simulated without being drawn."""
 
 import ctypes.util
 import os
@@ -7,12 +7,12 @@ import os
 _BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
 
 lacking: str | None = None
-"""Why what MUJOCO_GL asks for cannot be used; None: nothing is known against it."""
+"""The reason why the renderer that MUJOCO_GL asks for cannot be used; None where none is known."""
 
 
 def settle() -> None:
-    """Import MuJoCo, with the first renderer that is installed where none is asked for, and with
-    none where the one that MUJOCO_GL asks for cannot be had."""
+    """Import MuJoCo with a renderer: the one that MUJOCO_GL asks for, or else the first one that is
+    installed; and without any where that one cannot be loaded."""
     global lacking
     if "MUJOCO_GL" not in os.environ:
         for name, library in _BACKENDS.items():

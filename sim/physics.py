@@ -1,6 +1,7 @@
-"""A plan carried out by MuJoCo: the module's pose at every physics step.
+"""Execution of a plan in MuJoCo: the pose of the test module at every physics step.
 
-Where the base is rigid only what moves is stepped; where it sways everything is.
+Where the base is rigid, only the stretches in which the plate moves are stepped; where it sways,
+the whole recording is.
 """
 
 import copy
@@ -15,25 +16,33 @@ from mujoco import rollout
 from lbgc.errors import InputError
 from lbgc.frames import NED_FROM_NWU
 from lbgc.protocol import REST, SETTLE, SLEW, Move, Plan
-from sim.kinematics import joined
-from sim.poses import Bench, Executed, Poses, Stretch, lean_of_axis
-from sim.sway import JOINTS, SwayConfig
-from sim.turntable import SceneConfig, load, plate_inertia
+
+from .kinematics import joined
+from .poses import Bench, Executed, Poses, Stretch, lean_of_axis
+from .sway import JOINTS, SwayConfig
+from .turntable import SceneConfig, load, plate_inertia
 
 SETTLED_RATE = 1e-13
-"""rad/s: below it a plate is taken to rest, exactly. Earth's rate is 7e-5."""
-_RESTING_RATE = 2e-13  # rad/s: the stage is `rest` below it; with the angle's rounding, 1e-12
+"""Rate below which a plate is taken to be exactly at rest, rad/s. Earth's rate is 7e-5."""
+_RESTING_RATE = 2e-13
+"""Rate below which the stage is `rest`, rad/s; with the rounding of the angle it is 1e-12."""
 _LONGEST_SETTLING_S = 60.0
-_CHUNK_S = 0.5  # physics between looks at whether the plate rests
-_BLOCK_S = 5.0  # of physics between looks at a swaying base
-_SWAY_LEAD_S = 20.0  # in which a suspension forgets its start, plate held: e^-12 at 2 Hz, 5%
+"""Time after the last move in which a plate must come to rest, s."""
+_CHUNK_S = 0.5
+"""Physics between two tests of whether the plate is at rest, s."""
+_BLOCK_S = 5.0
+"""Physics of a swaying base that is stepped in one go, s."""
+_SWAY_LEAD_S = 20.0
+"""Physics before a recording, with the plate held, in which a suspension forgets its start: e^-12
+at 2 Hz and a damping ratio of 5%, s."""
 
 
-@lru_cache(maxsize=4)  # a carousel's poses fill tens of megabytes
+@lru_cache(maxsize=4)  # few are kept, since a carousel's poses are tens of megabytes
 def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
-    """Drive the plate through the plan on a rigid base. gravity : m/s^2.
+    """Drive the plate through a plan on a rigid base. gravity : m/s^2.
 
-    Raises InputError where the servo cannot do it, or the plate does not come to rest.
+    Raises InputError where the servo has too little torque for the plan, or the plate does not come
+    to rest.
     """
     check_servo(bench.scene, plan)
     settling = 0.0
@@ -46,7 +55,7 @@ def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
         first = int(move.start_s * bench.rate_hz + 1e-6)
         if first >= bench.samples:
             break
-        if first < at:  # it began before the last one had settled, and was driven with that
+        if first < at:  # it began before the last move had settled, and was driven with that one
             continue
         if first > at:
             stretches.append(_rest(bench, gravity, stands, at, first - at))
@@ -61,13 +70,14 @@ def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
 
 @lru_cache(maxsize=512)
 def execute_resting(bench: Bench, gravity: float, plan: Plan) -> Executed:
-    """Execute a plan without moves, which holds a single pose and is kept for long."""
+    """Execute a plan without moves. The result is a single pose, so that many are kept."""
     return execute(bench, gravity, plan)
 
 
 @lru_cache(maxsize=4096)
 def _sensed(scene: SceneConfig, gravity: float, angle: float) -> tuple[Poses, np.ndarray]:
-    """At rest at this angle: the test module's pose, and the control module's attitude."""
+    """The test module's pose and the control module's attitude with the plate at rest at this
+    angle, rad."""
     model = load(scene, gravity)
     data = mujoco.MjData(model)
     data.joint("azimuth").qpos[0] = angle
@@ -77,14 +87,14 @@ def _sensed(scene: SceneConfig, gravity: float, angle: float) -> tuple[Poses, np
 
 
 def _rest(bench: Bench, gravity: float, angle: float, first: int, samples: int) -> Stretch:
-    """The stretch in which the plate stands at this angle."""
+    """A stretch of samples in which the plate is at rest at this angle, rad."""
     poses, _ = _sensed(bench.scene, gravity, angle)
     return Stretch(first, samples, poses, np.broadcast_to(np.int8(REST), samples))
 
 
 def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) -> Stretch:
-    """The stretch from rest at this angle at sample `first` until the plate rests again and nothing
-    is commanded, or the recording ends."""
+    """The stretch that begins at sample `first`, with the plate at rest at the angle `stands`, rad,
+    and lasts until the plate is at rest again and nothing is commanded, or the recording ends."""
     model = load(bench.scene, gravity)
     state, pool = _state(model, stands), data_for(model, 1)
     chunk = max(1, round(_CHUNK_S * bench.rate_hz))
@@ -113,7 +123,7 @@ def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) 
                 f"the plate still moves at {speed.max():.1e} rad/s after "
                 f"{_LONGEST_SETTLING_S:.0f} s; damp the servo or the bearing more",
             )
-    # Sensors are one step old: two steps more give the end and the instant after it.
+    # Sensors are one step old, so two more steps give the end and the instant after it.
     _, after = roll([model], [state], _servo(model, bench, plan, at * bench.steps, 2)[None], pool)
     sensors = np.concatenate([parts[0][:1], *parts, after[0]])
     return Stretch(first, at - first, _poses(model, sensors), np.concatenate(stages))
@@ -125,15 +135,15 @@ def _angles(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
 
 
 def _stands_still(angles: np.ndarray) -> bool:
-    """Whether a chunk's angles are one angle to rounding. A velocity below half its last bit a
-    step moves it no more, nor does the servo see anything left to correct: at 5 rad and 1200 steps
-    a second that is 5e-13 rad/s, for ever."""
+    """Whether the angles of a chunk are equal to rounding. A velocity of less than half the angle's
+    last bit a step no longer changes the angle, and the servo then has nothing to correct: at 5 rad
+    and 1200 steps a second a velocity of 5e-13 rad/s stays for ever."""
     return bool(np.ptp(angles) <= 2 * np.spacing(np.abs(angles).max()))
 
 
 @lru_cache(maxsize=16)
 def _settling(scene: SceneConfig, gravity: float, move: Move) -> float:
-    """How long a slew moves the plate, its settling included: s."""
+    """How long a slew from rest moves the plate, settling included, s."""
     rate = scene.physics_hz / max(1, round(scene.physics_hz / 100))
     bench = Bench(scene, rate, int((move.duration_s + _LONGEST_SETTLING_S + 2) * rate))
     slew = Plan(0.0, 0.0, 0.0, move.rate, move.acceleration, (move,))
@@ -141,8 +151,8 @@ def _settling(scene: SceneConfig, gravity: float, move: Move) -> float:
 
 
 def check_servo(scene: SceneConfig, plan: Plan) -> None:
-    """Raise InputError where a slew needs more torque than the servo has: inertia times
-    acceleration, and what the bearing takes at the highest rate."""
+    """Raise InputError where a slew needs more torque than the servo has. It needs the inertia
+    times the acceleration, and the torque of the bearing at the highest rate."""
     moves = plan.moves
     if plan.before:
         moves = (*moves, Move(0.0, plan.before, plan.rate, plan.acceleration))
@@ -165,6 +175,7 @@ def check_servo(scene: SceneConfig, plan: Plan) -> None:
 
 @lru_cache(maxsize=8)
 def _inertia(scene: SceneConfig) -> float:
+    """The plate's moment of inertia on a rigid base, kg m^2."""
     return plate_inertia(load(replace(scene, sway=SwayConfig()), 9.8))
 
 
@@ -176,20 +187,20 @@ def execute_swaying(
     forces: Sequence[np.ndarray],
     threads: int,
 ) -> list[Executed]:
-    """Several recordings on a base that these forces sway, on so many threads. No number depends
-    on how many there are of either.
+    """Execute the plans of several recordings on a base that sways under these forces. No result
+    depends on the number of recordings or of threads.
 
-    levels : (3, 3) each, how the table stands in the vehicle, forward-right-down; forces :
-    (steps, 6) each, on the joints of `sim.sway.JOINTS`, from `lead_steps` before the recording to
-    two steps after it.
+    gravity : m/s^2; levels : (3, 3) each, attitude of the table in the vehicle, both
+    forward-right-down; forces : (steps, 6) each, N and N m, on the joints of `sim.sway.JOINTS`,
+    from `lead_steps` before the recording to two steps after it.
     """
     model = load(bench.scene, gravity)
     pool = data_for(model, min(threads, len(plans)))
-    models = [_standing(model, level) for level in levels]
+    models = [_with_level(model, level) for level in levels]
     lead, total = lead_steps(bench), len(forces[0])
     rigid = replace(bench, scene=replace(bench.scene, sway=SwayConfig()))
     still = [execute(rigid, gravity, p) for p in plans]
-    states = [_pressed(own, p.start, f[0]) for own, p, f in zip(models, plans, forces, strict=True)]
+    states = [_loaded(own, p.start, f[0]) for own, p, f in zip(models, plans, forces, strict=True)]
     motors = [model.actuator(name).id for name in JOINTS]
     size = round(_BLOCK_S * bench.scene.physics_hz)
     parts: list[list[Poses]] = [[] for _ in plans]
@@ -211,25 +222,26 @@ def execute_swaying(
     ]
 
 
-def _standing(model: mujoco.MjModel, level: np.ndarray) -> mujoco.MjModel:
-    """The model with its table standing so in the vehicle."""
+def _with_level(model: mujoco.MjModel, level: np.ndarray) -> mujoco.MjModel:
+    """The model with its table at this attitude (3, 3) in the vehicle."""
     own = copy.copy(model)
     turned = NED_FROM_NWU @ level @ NED_FROM_NWU
     mujoco.mju_mat2Quat(own.body("base").quat, turned.ravel())
     return own
 
 
-def _pressed(model: mujoco.MjModel, angle: float, forces: np.ndarray) -> np.ndarray:
-    """The state in which the springs hold these forces (6,), at rest: loads last for minutes."""
+def _loaded(model: mujoco.MjModel, angle: float, forces: np.ndarray) -> np.ndarray:
+    """The state at rest in which the springs balance these forces (6,), since loads last for
+    minutes, with the plate at this angle, rad."""
     data = mujoco.MjData(model)
     for name, force in zip(JOINTS, forces, strict=True):
         data.joint(name).qpos[0] = force / model.joint(name).stiffness[0]
     data.joint("azimuth").qpos[0] = angle
-    return _taken(model, data)
+    return _full_state(model, data)
 
 
 def lead_steps(bench: Bench) -> int:
-    """Physics steps that a swaying base takes before a recording starts."""
+    """The number of physics steps that a swaying base is stepped before a recording starts."""
     return round(_SWAY_LEAD_S * bench.scene.physics_hz)
 
 
@@ -239,11 +251,11 @@ def roll(
     control: np.ndarray,
     pool: Sequence[mujoco.MjData],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """MuJoCo's rollout: each model from its state (s,) under control (r, n, nu), on as many threads
-    as there are in the pool.
+    """Step r models with MuJoCo's rollout, each from its state (s,) under the control (r, n, nu),
+    on as many threads as the pool has members.
 
-    Returns the states after each step (r, n, s) and the sensors before it (r, n, sensors): MuJoCo
-    senses, then steps.
+    Returns the states after each step, (r, n, s), and the sensors before it, (r, n, sensors),
+    because MuJoCo first senses and then steps.
     """
     return rollout.rollout(
         list(models), list(pool), np.stack(states), np.ascontiguousarray(control)
@@ -251,13 +263,14 @@ def roll(
 
 
 def data_for(model: mujoco.MjModel, threads: int) -> list[mujoco.MjData]:
-    """A pool for `roll`, which takes half a second of physics to make."""
+    """A pool for `roll` with one member a thread. Making it takes as long as half a second of
+    physics."""
     return [mujoco.MjData(model) for _ in range(threads)]
 
 
 def _servo(model: mujoco.MjModel, bench: Bench, plan: Plan, first: int, count: int) -> np.ndarray:
-    """The servo's commands over `count` physics steps from step `first`, as it sees them at each
-    step's start: (count, nu)."""
+    """The plan's commands to the servo at the starts of `count` physics steps from step `first` on:
+    (count, nu)."""
     angle, rate = plan.command((first + np.arange(count)) * bench.step)
     control = np.zeros((count, model.nu))
     control[:, model.actuator("servo").id] = angle
@@ -266,13 +279,14 @@ def _servo(model: mujoco.MjModel, bench: Bench, plan: Plan, first: int, count: i
 
 
 def _state(model: mujoco.MjModel, angle: float) -> np.ndarray:
-    """The state at rest with the plate at this angle."""
+    """The state at rest with the plate at this angle, rad."""
     data = mujoco.MjData(model)
     data.joint("azimuth").qpos[0] = angle
-    return _taken(model, data)
+    return _full_state(model, data)
 
 
-def _taken(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+def _full_state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """The full physics state of `data`, (s,), as `roll` needs it."""
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
@@ -290,7 +304,7 @@ def _control(scene: SceneConfig, model: mujoco.MjModel, sensors: np.ndarray) -> 
 
 
 def _poses(model: mujoco.MjModel, sensors: np.ndarray) -> Poses:
-    """Poses from sensors (m, all of them)."""
+    """The test module's poses from the sensors at m instants, (m, sensors)."""
 
     def read(name: str) -> np.ndarray:
         sensor = model.sensor(name)

@@ -1,22 +1,23 @@
-"""The scene's picture beside a dataset."""
+"""A picture of the scene, which is put beside a dataset."""
 
 import subprocess
 import sys
 from pathlib import Path
 
-from sim.turntable import SceneConfig
+from .turntable import SceneConfig
 
 _LONGEST_S = 120
 
 
 def try_picture(out: Path, config: SceneConfig) -> str | None:
-    """Render in a process of its own, so that a graphics driver's crash costs a picture only.
+    """Render the scene in a process of its own, so that a crash of the graphics driver costs only
+    the picture.
 
-    Returns None, or why there is no picture.
+    Returns None, or the reason why there is no picture.
     """
-    script = Path(__file__).with_name("scene.py")
-    # Of all that a scene has, the arms are what one sees.
-    command = [sys.executable, str(script), f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
+    scene = (sys.executable, "-P", "-m", f"{__package__}.scene")  # from no directory of the user's
+    # The arms are the only part of a scene's configuration that a picture shows.
+    command = [*scene, f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
     except subprocess.TimeoutExpired:

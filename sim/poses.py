@@ -1,4 +1,5 @@
-"""What the physics gives back: the module's poses, stretch by stretch of a recording."""
+"""The result of the physics: the test module's poses, by stretches of a recording, and the motion
+and encoder readings that follow from them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -9,39 +10,44 @@ from scipy.spatial.transform import Rotation
 
 from lbgc.frames import NED_FROM_NWU, rotation_matrix
 from lbgc.units import factor
-from sim import kinematics
-from sim.kinematics import Felt
-from sim.turntable import SceneConfig
 
-_BLOCK_S = 5.0  # of attitudes held at once as matrices
+from . import kinematics
+from .kinematics import Felt
+from .turntable import SceneConfig
+
+_BLOCK_S = 5.0
+"""Length of the parts in which attitudes are held as matrices, s."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A scene, and the samples of a recording that are taken on it."""
+    """A scene, with the rate and the number of samples of a recording on it."""
 
     scene: SceneConfig
+    """The bench's configuration"""
     rate_hz: float
+    """Samples a second"""
     samples: int
+    """Samples in a recording"""
 
     @property
     def step(self) -> float:
-        """s, of the physics"""
+        """The length of a physics step, s."""
         return 1 / self.scene.physics_hz
 
     @property
     def steps(self) -> int:
-        """Steps of the physics in a sample."""
+        """The number of physics steps in a sample."""
         return round(self.scene.physics_hz / self.rate_hz)
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of the test module at m physics instants, in the base's axes as it stands at rest."""
+    """Poses of the test module at m physics instants, in the axes of the base at rest."""
 
     quaternion: np.ndarray  # (m, 4), body to North-West-Up
     place: np.ndarray  # (m, 3), m, North-West-Up
-    angle: np.ndarray  # (m,), rad, of the plate
+    angle: np.ndarray  # (m,), rad, the plate's angle
 
     def __getitem__(self, part: slice) -> "Poses":
         return Poses(*(values[part] for values in vars(self).values()))
@@ -50,40 +56,49 @@ class Poses:
         return len(self.angle)
 
     def repeated(self, count: int) -> "Poses":
-        """One pose as `count` of them."""
+        """One pose repeated `count` times."""
         return Poses(*(np.broadcast_to(v, (count, *v.shape[1:])) for v in vars(self).values()))
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples in which the plate rests (one pose stands for all of them), or in which something
-    moves: poses at every instant from the first sample's start to the last one's end, and at one
-    more on either side."""
+    """Consecutive samples in which the plate is at rest, so that one pose stands for all of them,
+    or in which something moves."""
 
     first: int
+    """The first sample's number"""
     samples: int
+    """Number of samples"""
     poses: Poses
-    stage: np.ndarray  # (samples,), int8
+    """One pose at rest; otherwise poses at every physics instant from the first sample's start to
+    the last one's end, and at one more on either side"""
+    stage: np.ndarray
+    """(samples,), int8, the stage of each sample"""
 
     @property
     def moves(self) -> bool:
+        """Whether anything moves in this stretch."""
         return len(self.poses) > 1
 
 
 @dataclass(frozen=True, eq=False)
 class Executed:
-    """A recording's plan as the physics did it. Each is itself alone, so that what follows from it
-    can be kept."""
+    """The motion of a recording as the physics executed its plan. Two are equal only if they are
+    the same object, so that derived arrays can be cached."""
 
     bench: Bench
+    """The scene and the recording's samples"""
     stretches: tuple[Stretch, ...]
-    control: np.ndarray  # (3, 3), of the control module at the recording's start
+    """The recording's stretches, one after the other"""
+    control: np.ndarray
+    """(3, 3), attitude of the control module at the recording's start"""
     settling_s: float
-    """Physics that it took the plate to come to rest before the recording"""
+    """Time that the plate took to come to rest before the recording, s"""
 
     def pose(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-        """Attitude C (m, 3, 3) and place (m, 3) in forward-right-down axes of the resting base,
-        the hinge axis leaning and wobbling: it turns what stands on it about its own foot."""
+        """The attitude C (m, 3, 3) and the place (m, 3), m, of poses in the forward-right-down axes
+        of the resting base, with the tilt and wobble of the hinge axis, which rotate the plate
+        about the foot of the axis."""
         attitude = NED_FROM_NWU @ Rotation.from_quat(poses.quaternion[:, [1, 2, 3, 0]]).as_matrix()
         place = poses.place @ NED_FROM_NWU
         scene = self.bench.scene
@@ -94,12 +109,14 @@ class Executed:
 
     @cached_property
     def start(self) -> np.ndarray:
-        """Attitude in the base's axes when the encoder is zeroed, (3, 3)."""
+        """The attitude in the base's axes at the recording's start, when the encoder is zeroed,
+        (3, 3)."""
         first = self.stretches[0]
         return self.pose(first.poses[1:2] if first.moves else first.poses)[0][0]
 
     def blocks(self) -> Iterator[Poses]:
-        """The recording in parts: the instants of some samples, and one more on either side."""
+        """The recording's poses in parts, each with the instants of some samples and one more on
+        either side."""
         size = max(1, round(_BLOCK_S * self.bench.rate_hz)) * self.bench.steps
         for stretch in self.stretches:
             poses = stretch.poses
@@ -110,7 +127,7 @@ class Executed:
 
     @cached_property
     def felt(self) -> Felt:
-        """What is felt in the base's axes, over the recording; one sample where nothing moves."""
+        """The recording's motion in the base's axes; one sample where nothing moves."""
         if not self.moves:
             return kinematics.resting(self.pose(self.stretches[0].poses)[0][0])
         parts = []
@@ -124,11 +141,13 @@ class Executed:
         return kinematics.joined(parts)
 
     def _felt_in(self, poses: Poses) -> Felt:
+        """The motion of a part of the recording."""
         return kinematics.felt(*self.pose(poses), self.bench.step, self.bench.steps)
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """Attitude in the base's axes at the samples' ends, (n, 3, 3), or (1, 3, 3)."""
+        """The attitude in the base's axes at the samples' ends, (n, 3, 3), or (1, 3, 3) where
+        nothing moves."""
         if not self.moves:
             return self.pose(self.stretches[0].poses)[0]
         steps, parts = self.bench.steps, []
@@ -138,12 +157,12 @@ class Executed:
         return np.concatenate(parts)
 
     def angle_at(self, t: np.ndarray) -> np.ndarray:
-        """The plate's angle at times t (s), rad; before the recording it stood still."""
+        """The plate's angle, rad, at times t, s; before the recording it was constant."""
         return np.interp(t, *self._knots)
 
     @property
     def moves(self) -> bool:
-        """Whether anything moves."""
+        """Whether anything moves in the recording."""
         return any(s.moves for s in self.stretches)
 
     @cached_property
@@ -154,8 +173,8 @@ class Executed:
 
     @cached_property
     def encoder(self) -> np.ndarray:
-        """What it reads at the samples' ends, zeroed at the recording's start: late, off by its
-        eccentric disc, in counts. (samples,), rad."""
+        """The encoder's readings at the samples' ends, (samples,), rad, zeroed at the recording's
+        start: delayed by its latency, with the error of its eccentric disc, in counts."""
         if not self.moves:
             return np.zeros(self.bench.samples)
         scene = self.bench.scene
@@ -174,7 +193,8 @@ class Executed:
 
     @cached_property
     def _knots(self) -> tuple[np.ndarray, np.ndarray]:
-        """Instants (s) between which the angle (rad) is linear."""
+        """Instants, s, between which the plate's angle is taken as linear, and the angles there,
+        rad."""
         times, angles = [], []
         for s in self.stretches:
             inner = s.poses.angle[1:-1] if s.moves else np.repeat(s.poses.angle, 2)
@@ -185,14 +205,14 @@ class Executed:
 
     @cached_property
     def stage(self) -> np.ndarray:
-        """(samples,), int8, see lbgc.protocol.STAGES"""
+        """The stage of each sample, (samples,), int8; see lbgc.protocol.STAGES."""
         return np.concatenate([s.stage for s in self.stretches])
 
 
 def lean_of_axis(scene: SceneConfig, angle: np.ndarray) -> np.ndarray:
-    """How the hinge axis leans at the plate's angles: (m,), rad -> (m, 3, 3).
+    """The rotation by which the hinge axis leans at the plate's angles (m,), rad: (m, 3, 3).
 
-    A tilt about the forward axis, and a cone that it goes round twice a turn.
+    It is a constant tilt about the forward axis, and a cone that the axis goes round twice a turn.
     """
     wobble = scene.axis_wobble_arcsec * factor("axis_wobble_arcsec")
     around = [np.cos(2 * angle), np.sin(2 * angle), np.zeros_like(angle)]

@@ -1,7 +1,7 @@
 """Recordings: what moves, what the sensors print of it, and what was drawn; some at a time."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from math import gcd
 
@@ -13,9 +13,10 @@ from lbgc.sensor import errors, streams
 from lbgc.sensor.errors import Drawn, Surroundings
 from lbgc.sensor.imu import Timing, Triad
 from lbgc.sensor.streams import Purpose
-from sim import motion
-from sim.configuration import GenerateConfig
-from sim.motion import Draw, Truth
+
+from . import motion
+from .configuration import GenerateConfig
+from .motion import Draw, Truth
 
 _TOGETHER, _TOGETHER_VALUES = 64, 100_000
 """Recordings worked out at once, and values of each axis: they stay in the processor's cache."""
@@ -32,10 +33,12 @@ class Sensor:
 
     @classmethod
     def of(cls, config: GenerateConfig) -> "Sensor":
+        """The sensor that a configuration states."""
         imu = config.imu
         return cls(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
 
     def triads(self) -> tuple[tuple[str, Triad, Purpose], ...]:
+        """Both triads, with their names in the dataset and the purposes of their random numbers."""
         return ("gyro", self.gyro, Purpose.GYRO), ("accel", self.accel, Purpose.ACCEL)
 
     def lasting(self, rows: Sequence[int]) -> dict[Purpose, Drawn]:
@@ -73,20 +76,18 @@ class Sensor:
         rngs: Sequence[np.random.Generator],
         truth: np.ndarray,
         drawn: Drawn,
-        force: np.ndarray | None,
+        around: Surroundings,
     ) -> tuple[np.ndarray, np.ndarray]:
         """What is stored of some recordings, (R, 3, n), and which of it was at its range, (R, n).
-        truth, force : (R, 3, 1) or (R, 3, n)."""
+        truth, and what acts in `around` : (R, 3, 1) or (R, 3, n)."""
         n, dt = self.config.samples // self.config.block, 1 / self.config.rate_hz
-        warming = vars(self.config.imu.temperature)
         if self.config.output == "means":
-            block, around = self.config.block, Surroundings(force, **warming)
-            means = triad.measure_means(rngs, truth, drawn, n, dt, block, around)
+            means = triad.measure_means(rngs, truth, drawn, n, dt, self.config.block, around)
             return means, np.broadcast_to(False, (len(rngs), n))
         each = []
         for at, rng in enumerate(rngs):
-            around = Surroundings(None if force is None else force[at], **warming)
-            each.append(triad.measure(rng, truth[at], errors.rows(drawn, at), n, dt, around))
+            own = errors.rows(drawn, at)
+            each.append(triad.measure(rng, truth[at], own, n, dt, around.only(at)))
         printed, saturated = zip(*each, strict=True)
         return _stacked(printed), _stacked(saturated)
 
@@ -122,10 +123,12 @@ def batches(
         )
         for i, planned, own in zip(rows, plans, share, strict=True)
     ]
-    means = config.imu.model(config.rate_hz).averages_motion
+    imu = config.imu.model(config.rate_hz)
     threads, height, block = config.cluster.threads, config.height_m, config.block
     truths = motion.truths(
-        config.bench, plans, latitude, draws, threads, height, block, every_sample=not means
+        *(config.bench, plans, latitude, draws, threads, height, block),
+        every_sample=not imu.averages_motion,
+        field=imu.field_ned if imu.feels_field else None,
     )
     lasting, split = sensor.lasting(rows), _split(config, rows)
     together, at = max(1, min(_TOGETHER, _TOGETHER_VALUES // (config.samples // block))), 0
@@ -168,12 +171,15 @@ def _measured(
     """What the sensors print of these recordings, and what was drawn of their errors."""
     time_error, lost = sensor.timed(rows)
     unit, session = _lifetimes(config, rows)
+    warming = Surroundings(**vars(config.imu.temperature))
     values = {"time_error": time_error, "lost": lost, "unit": unit, "session": session}
     for name, triad, purpose in sensor.triads():
-        gyro = purpose == Purpose.GYRO
-        feels, force = (truth.omega_ib_b, truth.f_ib_b) if gyro else (truth.f_ib_b, None)
+        feels, around = truth.f_ib_b, warming
+        if purpose == Purpose.GYRO:
+            feels = truth.omega_ib_b
+            around = replace(warming, force=truth.f_ib_b, field=truth.field)
         rngs, drawn = sensor.drawn(triad, purpose, rows, lasting[purpose])
-        printed, saturated = sensor.measure(triad, rngs, feels, drawn, force)
+        printed, saturated = sensor.measure(triad, rngs, feels, drawn, around)
         if lost.any():
             printed = _stacked([Timing.held(*own) for own in zip(printed, lost, strict=True)])
         # Kept axis by axis in memory, as the store keeps it; logically (time, axis).

@@ -1,4 +1,5 @@
-"""The bench to look at: in a window, as a picture, as a film with what is felt below it."""
+"""Display of the bench: in a window, as a picture, or as a film above plots of the true rates and
+forces."""
 
 import copy
 import os
@@ -16,34 +17,40 @@ from tqdm import tqdm
 from lbgc.errors import InputError, require
 from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.sensor.streams import Purpose, recording
-from sim import motion, opengl
-from sim.physics import execute
-from sim.poses import Bench
-from sim.turntable import SceneConfig, load
 
-_FRAMES_A_S = 12.5  # a GIF counts in hundredths of a second
+from . import motion, opengl
+from .physics import execute
+from .poses import Bench
+from .turntable import SceneConfig, load
+
+_FRAMES_A_S = 12.5
+"""Frames a second: whole hundredths of a second each, which is the unit of a GIF."""
 _RATE_HZ = 100.0
+"""Rate of the samples in a film's plots."""
 _COLOURS = 96
+"""Colours of a film's frame."""
 
 
 @dataclass(frozen=True)
 class ViewConfig:
-    """`python sim/scene.py`"""
+    """The configuration of `python sim/scene.py`."""
 
     out: str | None = None
-    """A picture (.png) or a film (.gif) to write; null: a window to look round in."""
+    """The picture (.png) or film (.gif) to write; null: an interactive window."""
     width: int = 960
     """Width of the picture, pixels."""
     height: int = 720
     """Height of the scene itself, pixels."""
     plate_angle_deg: float = 30.0
-    """Where the plate stands in a picture."""
+    """Angle of the plate in a picture."""
     latitude: float = 32.76
-    """degrees, of a film's rates and forces"""
+    """Latitude for a film's rates and forces, degrees."""
     duration_s: float = 15.0
-    """Duration of a film, and of what the window repeats."""
+    """Duration of a film, and of the plan that the window repeats."""
     scene: SceneConfig = field(default_factory=SceneConfig)
+    """The bench."""
     protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
+    """What the plate is commanded to do."""
 
     def __post_init__(self) -> None:
         kinds = (".png", ".gif")
@@ -59,11 +66,13 @@ class ViewConfig:
 
     @property
     def plan(self) -> Plan:
+        """The plan of the protocol's first recording."""
         return plan(self.protocol, 0, self.duration_s)
 
 
 def view(config: ViewConfig) -> Path | None:
-    """Show the bench, or write its picture or film. Raises InputError where this machine cannot."""
+    """Show the bench in a window, or write its picture or film. Raises InputError where this
+    machine cannot render."""
     if config.out is None:
         look_round(config)
         return None
@@ -78,8 +87,9 @@ def view(config: ViewConfig) -> Path | None:
 
 
 def _film(config: ViewConfig, out: Path) -> None:
-    """The plan in real time, and below it rate, specific force and plate angle against time."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # half a second; a picture has none
+    """Write a film of the plan in real time, above plots of rate, specific force and plate angle
+    over time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # half a second; only for films
 
     from lbgc.report.figures import strips
 
@@ -118,9 +128,11 @@ def _film(config: ViewConfig, out: Path) -> None:
 
 
 def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> Iterator[np.ndarray]:
-    """The scene with the plate at these angles (rad), offscreen: (height, width, 3), uint8.
+    """Render the scene offscreen with the plate at these angles, rad: images (height, width, 3),
+    uint8.
 
-    quick : coarser shadows and edges, for a film.
+    quick : coarser shadows and edges, for a film. Raises InputError where this machine cannot
+    render.
     """
     if opengl.lacking is not None:
         raise _cannot(opengl.lacking)
@@ -140,6 +152,7 @@ def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> It
 
 
 def _cannot(why: str) -> InputError:
+    """The InputError for a machine that cannot render."""
     return InputError(
         "MUJOCO_GL",
         os.environ.get("MUJOCO_GL", "(not set)"),
@@ -150,7 +163,8 @@ def _cannot(why: str) -> InputError:
 
 
 def look_round(config: ViewConfig) -> None:
-    """MuJoCo's window, the plan repeated in real time, until it is closed."""
+    """Show the plan in MuJoCo's window, repeated in real time, until the window is closed. Raises
+    InputError where there is no display."""
     if sys.platform == "linux" and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):

@@ -1,14 +1,14 @@
-"""What makes a parked vehicle sway: its suspension's figures, and the forces of people and wind.
+"""Sway of a parked vehicle: the parameters of its suspension, and the forces of people and wind.
 
-On each of the vehicle's six joints act
+On each of the vehicle's six joints acts the force (or moment)
 
     F(t) = level (L(t) + a(t) n(t) + w(t)),    L(t) = h * X(u(t)),    du = a dt.
 
-a is the activity: about one in spells, next to nothing in the quiet between them. L is the load
-of the people, an Ornstein-Uhlenbeck process X on a clock u that goes only while they move, smoothed
-(h) by the time that a move takes: it stays put in the quiet, whatever it has become. n is
-agitation, noise that comes and goes with the activity, and w the wind, always there. The suspension
-answers as suspensions do: with tilts that stay, and with ringing.
+a is the activity: about one in spells, and almost zero in the quiet between them. L is the load of
+the people, an Ornstein-Uhlenbeck process X on a clock u that advances only while they move,
+smoothed (h) over the time that a move takes. In the quiet it stays at the value that it has
+reached. n is agitation, noise that comes and goes with the activity, and w is the wind, which is
+always there. The suspension responds with tilts that stay, and with ringing.
 """
 
 from dataclasses import dataclass
@@ -18,19 +18,22 @@ import numpy as np
 from lbgc.errors import Spread, require, require_not_negative, require_positive, require_spread
 
 JOINTS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-"""The vehicle's joints and motors by name: moves forward, right, down and turns about these."""
+"""The names of the vehicle's joints and motors: translations along, and rotations about, forward,
+right and down."""
 
-_SIZES = {"inertia_kg_m2": 3, "load_nm": 2, "load_s": 3, "move_s": 3}  # other lists: six
-_BURN_IN = 8  # cycles of quiet and spell before the recording starts
+_SIZES = {"inertia_kg_m2": 3, "load_nm": 2, "load_s": 3, "move_s": 3}
+"""Lengths of the configuration's lists; others have six numbers."""
+_BURN_IN = 8
+"""Cycles of quiet and spell before the recording starts."""
 
 
 @dataclass(frozen=True)
 class SwayConfig:
-    """A vehicle on its suspension. Figures of six go by joint: surge, sway, heave (a frequency; a
-    force in N), roll, pitch, yaw (a moment in N m)."""
+    """A vehicle on its suspension. Lists of six numbers go by joint: surge, sway, heave (forces in
+    N), roll, pitch, yaw (moments in N m)."""
 
     level: Spread = 0.0
-    """Scales every force; 0: nothing sways, and the joints are not there. [low, high]: drawn
+    """Factor on every force; 0: nothing sways, and the joints are left out. [low, high]: drawn
     uniformly for each recording."""
     mass_kg: float = 2000.0
     """Mass of the vehicle, without the table."""
@@ -39,26 +42,29 @@ class SwayConfig:
     com_height_m: float = 0.19
     """Height of the centre of mass above the floor that the table stands on."""
     roll_axis_height_m: float = -0.41
-    """Height of the axis about which the suspension rolls, above the table's floor, below the
-    table."""
+    """Height above the table's floor, beneath the table, of the axis about which the suspension
+    rolls."""
     pitch_axis_height_m: float = -0.6
-    """Height of the axis about which the suspension pitches, above the table's floor."""
+    """Height of the axis about which the suspension pitches, above the same floor."""
     roll_axis_slope_deg: float = 3.7
-    """How far the roll axis points down in front."""
+    """Angle by which the roll axis points down at the front."""
     frequency_hz: tuple[float, ...] = (2.3, 3.26, 3.6, 2.29, 2.62, 2.97)
     """Natural frequency of each joint with the others held."""
     damping_ratio: tuple[float, ...] = (0.35, 0.008, 0.068, 0.2, 0.02, 0.15)
     """Damping ratio of each joint with the others held."""
     load_n: float = 614.0
-    """The people's weight as it moves, 1 sigma over a long time: what presses on the springs."""
+    """1 sigma over a long time of the people's weight on the springs, which changes as they come
+    and go."""
     load_nm: tuple[float, ...] = (491.0, 981.0)
-    """The weight's moments about the roll and the pitch axis, 1 sigma, as people move about."""
+    """1 sigma of the weight's moments about the roll and the pitch axis, as people move about."""
     load_forward_m: float = 0.66
-    """Where they mostly sit: so far in front of the springs' middle, weight also pitches."""
+    """Distance of the people's mean place in front of the springs' middle, by which their weight
+    also pitches the vehicle."""
     load_s: tuple[float, ...] = (5.0, 4.0, 7.0)
-    """Time, while people move, in which weight and the two moments forget where they were."""
+    """Correlation times of the weight and of the two moments, while people move."""
     move_s: tuple[float, ...] = (0.11, 0.15, 3.1)
-    """Time constant, twice, of one move: people come and cross in a step, and walk along."""
+    """Time constants of one move, for the weight and the two moments; each smooths twice. People
+    come in, and cross the vehicle, in one step, and walk along it more slowly."""
     agitation_n: float = 16.0
     """Rms of the forces that shake surge, sway and heave while people move."""
     agitation_nm: float = 30.0
@@ -72,16 +78,16 @@ class SwayConfig:
     wind_hz: float = 1.5
     """Frequency above which wind falls off, as f^-1."""
     restlessness: float = 0.006
-    """Activity of the people in the quiet."""
+    """Activity of the people in the quiet; in spells it is about 1."""
     quiet_s: float = 80.0
-    """Mean time between spells."""
+    """Mean length of the quiet between spells."""
     spell_s: float = 17.0
     """Mean length of a spell."""
     regularity: float = 12.0
-    """Shape of the gamma distributions of quiet and spells' lengths; 1: as irregular as rain,
-    large: a clock."""
+    """Shape of the gamma distributions of the lengths of quiet and spells; 1: exponential, as
+    irregular as rain; large: regular as a clock."""
     spell_spread: float = 0.35
-    """Spread of a spell's activity about 1: 1 sigma of its logarithm."""
+    """1 sigma of the logarithm of a spell's activity."""
 
     def __post_init__(self) -> None:
         require_spread(self, "level")
@@ -102,14 +108,16 @@ class SwayConfig:
 
     @property
     def present(self) -> bool:
-        """Whether anything sways."""
+        """Whether the vehicle sways."""
         return self.level != 0.0
 
 
 def forces(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """Forces at level 1, on the joints in the order of `JOINTS`: (steps, 6), N and N m; dt : s.
+    """Draw the forces at level 1 on the joints, in the order of `JOINTS`: (steps, 6), N and N m;
+    dt : s.
 
-    A recording starts as it goes on: with people somewhere, and in any part of a spell.
+    The process is stationary: a recording starts with a load of people, and in any part of quiet or
+    a spell. Raises InputError where a corner frequency is too high for the steps.
     """
     for name in ("agitation_hz", "wind_hz"):
         corner = getattr(config, name)
@@ -119,7 +127,7 @@ def forces(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) 
     wind = _low_pass_noise(rng, steps, dt, config.wind_hz, order=1)
     shaking = [config.agitation_n] * 3 + [config.agitation_nm] * 3
     blowing = [config.wind_n] * 3 + [config.wind_nm] * 3
-    # In place: these fill tens of megabytes.
+    # The sums are made in place, since these arrays are tens of megabytes.
     total *= activity
     total *= np.array(shaking)[:, None]
     wind *= np.array(blowing)[:, None]
@@ -132,14 +140,15 @@ def forces(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) 
 
 
 def spells(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """The activity, (steps,): quiet and spells in turn, of gamma-distributed lengths."""
+    """Draw the activity, (steps,): quiet and spells in turn, with gamma-distributed lengths; dt :
+    s."""
     cycle = config.quiet_s + config.spell_s
-    # As many cycles as last for certain: sums of so many hardly fall below half of their mean.
+    # Twice the mean number of cycles, and more: their sum hardly ever falls below half of its mean.
     count = 2 * int(np.ceil(steps * dt / cycle)) + 2 * _BURN_IN
     k = config.regularity
     quiet, spell = rng.gamma(k, [[config.quiet_s / k], [config.spell_s / k]], (2, count))
     size = rng.lognormal(-(config.spell_spread**2) / 2, config.spell_spread, count)  # of mean 1
-    # The recording starts anywhere in a cycle, and long after the first.
+    # The recording starts at any time in a cycle, long after the first one.
     ends = np.cumsum(quiet + spell) - (_BURN_IN + rng.uniform()) * cycle
     time = np.arange(steps) * dt
     current = np.searchsorted(ends, time, side="right")
@@ -150,8 +159,9 @@ def spells(config: SwayConfig, rng: np.random.Generator, steps: int, dt: float) 
 def _load(
     config: SwayConfig, rng: np.random.Generator, activity: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Unit Ornstein-Uhlenbeck processes on the clock of activity, as smooth as people move."""
-    from scipy.signal import lfilter  # half a second, and few scenes sway
+    """The people's weight and its two moments, (3, steps), before scaling: Ornstein-Uhlenbeck
+    processes of unit variance on the clock of the activity, smoothed over the time of a move."""
+    from scipy.signal import lfilter  # its import takes half a second, and few scenes sway
 
     clock = np.cumsum(activity) * dt
     load = np.empty((3, len(clock)))
@@ -165,11 +175,11 @@ def _load(
 
 
 def _ornstein_uhlenbeck(rng: np.random.Generator, u: np.ndarray) -> np.ndarray:
-    """Ornstein-Uhlenbeck process of unit variance, exact at instants u (in correlation times, never
-    decreasing).
+    """Draw an Ornstein-Uhlenbeck process of unit variance, exactly, at instants u (n,), which are
+    in correlation times and never decrease: (n,).
 
-    x[k] = e^-d x[k-1] + sqrt(1 - e^-2d) e[k] with d = u[k] - u[k-1], solved as the running sum of
-    e^u times the noise; in stretches, so that e^u does not overflow.
+    x[k] = e^-d x[k-1] + sqrt(1 - e^-2d) e[k] with d = u[k] - u[k-1]. It is solved as the running
+    sum of e^u times the noise, in stretches, so that e^u does not overflow.
     """
     d = np.diff(u, prepend=u[0])
     noise = rng.standard_normal(len(u))
@@ -187,7 +197,8 @@ def _ornstein_uhlenbeck(rng: np.random.Generator, u: np.ndarray) -> np.ndarray:
 def _low_pass_noise(
     rng: np.random.Generator, steps: int, dt: float, corner_hz: float, order: int
 ) -> np.ndarray:
-    """Unit variance, white below the corner (Butterworth): (6, steps)."""
+    """Draw noise of unit variance that is white below a corner frequency (Butterworth low-pass of
+    this order): (6, steps), one row a joint."""
     from scipy.signal import butter, sosfilt
 
     warm_up = int(np.ceil(2 / (corner_hz * dt)))  # a dozen time constants
@@ -195,6 +206,6 @@ def _low_pass_noise(
     response = sosfilt(sos, np.r_[1.0, np.zeros(4 * warm_up)])
     sos[0, :3] /= np.sqrt(np.sum(response**2))
     filtered = np.empty((len(JOINTS), steps))
-    for row in filtered:  # one after the other they stay in the processor's cache
+    for row in filtered:  # one row at a time stays in the processor's cache
         row[:] = sosfilt(sos, rng.standard_normal(warm_up + steps, dtype=np.float32))[warm_up:]
     return filtered

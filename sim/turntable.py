@@ -1,4 +1,4 @@
-"""The turntable's model: the only file that builds one. `sim/render.py` shows it."""
+"""The turntable's MuJoCo model, which is built in this file only. `sim/render.py` shows it."""
 
 import math
 from dataclasses import dataclass, field
@@ -6,9 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 
 from lbgc.errors import require, require_not_negative, require_positive
-from sim import opengl
-from sim.disturbance import FloorConfig
-from sim.sway import JOINTS, SwayConfig
+
+from . import opengl
+from .disturbance import FloorConfig
+from .sway import JOINTS, SwayConfig
 
 opengl.settle()
 
@@ -20,45 +21,48 @@ XML = Path(__file__).with_name("turntable.xml")
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """The bench, what `conf/scene/*.yaml` holds. Geometry is in `turntable.xml`."""
+    """The bench's configuration, which `conf/scene/*.yaml` holds. Its geometry is in
+    `turntable.xml`."""
 
     physics_hz: float = 1200.0
     """Physics steps a second; the IMU's period must be a whole number of steps."""
     servo_stiffness_nm_per_rad: float = 60.0
     """Stiffness of the servo that drives the plate."""
     servo_damping_nm_s_per_rad: float = 9.0
-    """Damping of the servo: it acts on the commanded rate less the plate's."""
+    """Damping of the servo, which acts on the commanded rate less the plate's."""
     servo_torque_nm: float = 5.0
-    """The most torque that the servo can give."""
+    """The largest torque that the servo can give."""
     bearing_damping_nm_s_per_rad: float = 0.05
     """Viscous damping of the plate's bearing."""
     bearing_friction_nm: float = 0.0
-    """Dry friction of the bearing; below twice friction over servo damping (rad/s) it gives way
-    like grease, half as viscous as that damping."""
+    """Dry friction of the bearing. Below a rate (rad/s) of twice the friction over the servo's
+    damping it acts like viscous friction, half as large as that damping."""
     arm_m: float = 0.27
     """Distance from the plate's axis to either module."""
     base_azimuth_deg: float | None = None
-    """Where the base points; null: each recording draws its own, as its protocol has it."""
+    """Azimuth of the base; null: each recording draws its own, as its protocol has it."""
     base_roll_deg: float = 0.0
-    """How the base stands, forward axis north: z-y-x angles, yaw being its azimuth."""
+    """The base's roll, of z-y-x angles from north-east-down whose yaw is its azimuth."""
     base_pitch_deg: float = 0.0
     """The base's pitch, of the same z-y-x angles as its roll."""
     level_error_deg: float = 0.0
-    """1 sigma of the base's levelling in roll and in pitch, new every recording."""
+    """1 sigma of the base's levelling error in roll and in pitch, drawn anew for each recording."""
     axis_tilt_deg: float = 0.0
-    """The hinge axis against the base's: it leans to the right."""
+    """Tilt of the hinge axis relative to the base's vertical, to the right."""
     axis_wobble_arcsec: float = 0.0
-    """The hinge axis goes twice round a cone of this half angle in a turn of the plate."""
+    """Half angle of a cone that the hinge axis goes round twice in a turn of the plate."""
     encoder_lsb_arcsec: float | None = None
-    """Count of the plate's encoder; null: it reads to rounding."""
+    """Count of the plate's encoder; null: it reads without rounding."""
     encoder_error_arcsec: float = 0.0
-    """Amplitude of the encoder's error, once a turn (an eccentric disc)."""
+    """Amplitude of the encoder's error, which has the period of a turn (an eccentric disc)."""
     encoder_latency_s: float = 0.0
-    """How old the encoder's reading is."""
+    """Age of the encoder's reading."""
     reference_error_deg: float = 0.2
-    """1 sigma of the control module's heading, new every recording."""
+    """1 sigma of the control module's heading error, drawn anew for each recording."""
     floor: FloorConfig = field(default_factory=FloorConfig)
+    """What moves the floor."""
     sway: SwayConfig = field(default_factory=SwayConfig)
+    """The vehicle on which the bench stands, if it sways."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -88,7 +92,7 @@ class SceneConfig:
 
 @lru_cache(maxsize=8)
 def load(config: SceneConfig, gravity: float) -> mujoco.MjModel:
-    """The compiled model. gravity : m/s^2, down."""
+    """The compiled MuJoCo model of a bench. gravity : m/s^2, down."""
     spec = mujoco.MjSpec.from_file(str(XML))
     spec.option.timestep = 1.0 / config.physics_hz
     spec.option.gravity = [0.0, 0.0, -gravity]
@@ -115,11 +119,13 @@ def load(config: SceneConfig, gravity: float) -> mujoco.MjModel:
 
 
 def _with_friction(spec: mujoco.MjSpec, torque: float, viscosity: float) -> None:
-    """Dry friction, as MuJoCo has it: a constraint force -D (a + b v), at most `torque`.
+    """Give the plate's bearing dry friction, which in MuJoCo is a constraint torque -D (a + b v) of
+    at most `torque`, N m, with a and v the plate's acceleration and rate.
 
-    An impedance d makes D = d I/(1 - d), I the plate's inertia; a small d keeps this virtual mass
-    small. b is chosen so that the force is whole above torque/viscosity (rad/s) and viscous below:
-    a plate then comes to rest where the servo wants it, and does not creep there for ever.
+    An impedance d makes D = d I/(1 - d), with I the plate's inertia; a small d keeps this virtual
+    inertia small. b is chosen so that the torque is complete above torque/viscosity (rad/s) and
+    viscous below: a plate then comes to rest where the servo commands, and does not creep there for
+    ever. viscosity : N m s/rad.
     """
     joint = spec.joint("azimuth")
     joint.frictionloss = torque
@@ -136,7 +142,7 @@ def plate_inertia(model: mujoco.MjModel) -> float:
 
 
 def _mass_matrix(model: mujoco.MjModel) -> np.ndarray:
-    """The mass matrix in the pose of rest, (nv, nv)."""
+    """The joint-space mass matrix in the pose at rest, (nv, nv)."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     matrix = np.empty((model.nv, model.nv))
@@ -145,10 +151,12 @@ def _mass_matrix(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
-    """The vehicle's mass, its roll axis, and springs and dampers of the stated frequencies.
+    """The compiled model on a vehicle: its mass and its roll axis, and springs and dampers with the
+    stated frequencies.
 
-    M is the mass matrix in the pose of rest, table and plate included; with the other joints held,
-    joint i has the stiffness M_ii (2 pi f)^2 and the damping 2 zeta M_ii (2 pi f).
+    M is the mass matrix in the pose at rest, table and plate included. So that joint i has the
+    frequency f and the damping ratio zeta with the other joints held, it gets the stiffness
+    M_ii (2 pi f)^2 and the damping 2 zeta M_ii (2 pi f).
     """
     vehicle = spec.body("vehicle")
     vehicle.mass, vehicle.inertia = sway.mass_kg, sway.inertia_kg_m2
@@ -158,7 +166,7 @@ def _on_springs(spec: mujoco.MjSpec, sway: SwayConfig) -> mujoco.MjModel:
     slope = math.radians(sway.roll_axis_slope_deg)
     spec.joint("roll").axis = [-math.cos(slope), 0.0, -math.sin(slope)]
     for name in ("vehicle", "base", "plate"):
-        spec.body(name).gravcomp = 1.0  # springs are at rest where the vehicle stands
+        spec.body(name).gravcomp = 1.0  # so that the springs carry no weight
     model = spec.compile()
     mass = _mass_matrix(model)
     for name, f, zeta in zip(JOINTS, sway.frequency_hz, sway.damping_ratio, strict=True):

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lbgc.data.documents import DOCUMENTS
+from lbgc.data.documents import names_of
 from lbgc.data.manifest import shard_files
+from lbgc.data.schema import ALWAYS
 
 SHARDED = ("gyro", "accel", "attitude")
 """Variables whose files hold several chunks and end in an index of them: 16 bytes each, and 4."""
@@ -41,7 +42,7 @@ def delete(path: Path, rng: np.random.Generator) -> str:
 
 def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
     """Damage the recorded data, in the chunks themselves where there is an index too."""
-    name = one_of(rng, shard_files(int(rng.integers(shards))))
+    name = one_of(rng, shard_files(int(rng.integers(shards)), ALWAYS))
     path = store / name
     way = int(rng.integers(5))
     if way == 0:
@@ -50,7 +51,7 @@ def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -
         return f"{whole} left"
     if way == 1:
         shard = name.split("/")[2]
-        for each in shard_files(int(shard)):
+        for each in shard_files(int(shard), ALWAYS):
             (store / each).unlink()
         return f"shard {shard} deleted"
     if way == 2:
@@ -66,7 +67,7 @@ def index(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> 
 
 def metadata(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
     """Damage a document: of the group, of an array, or a coordinate's values."""
-    path = store / (DOCUMENTS[0] if rng.random() < 0.2 else one_of(rng, list(DOCUMENTS)))
+    path = store / ("zarr.json" if rng.random() < 0.2 else one_of(rng, list(names_of(ALWAYS))))
     return (flip, flip, flip, truncate, delete)[int(rng.integers(5))](path, rng)
 
 

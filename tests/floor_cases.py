@@ -43,7 +43,7 @@ class Case:
     def model(self) -> ImuModel:
         """Its sensor, of ten samples a second, whose counts would be coarse: without."""
         config = composed(BoundConfig, "bound", f"imu={self.imu}", *self.overrides)
-        imu, none = config.imu.model(10.0), {"lsb": None, "bandwidth_hz": None}
+        imu, none = config.imu.model(10.0), {"counts": None, "low_pass": None}
         return replace(imu, gyro=replace(imu.gyro, **none), accel=replace(imu.accel, **none))
 
 
@@ -99,7 +99,8 @@ def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Labelled:
     force = np.einsum("wnij,i->wjn", c_nb, [0.0, 0.0, -normal_gravity(LATITUDE)])
     force[:, 0] -= ARM_M * mean(rate**2)
     force[:, 1] += ARM_M * mean(change)
-    felt = replace(imu.warming, force=force)
+    field = np.einsum("wnij,i->wjn", c_nb, imu.field_ned)
+    felt = replace(imu.warming, force=force, field=field)
     late = 0.5 * imu.dt * mean(rate)  # an encoder is read at a sample's end
     windows = Windows(
         gyro=_measured(imu, imu.gyro, rng, omega, h, felt),

@@ -26,7 +26,7 @@ from lbgc import user_yaml
 from lbgc.calibrate import COLUMNS
 from lbgc.commands import CONF
 from lbgc.data import logs, manifest, store
-from lbgc.data.documents import DOCUMENTS, Layout
+from lbgc.data.documents import Layout
 from lbgc.data.logs import LogConfig
 from lbgc.data.place import Place
 from lbgc.data.record import mock_record
@@ -318,7 +318,7 @@ def _store(home: Path) -> dict[str, bytes]:
     dataset = store.create(path, LAYOUT, {"a": 1}, {})
     sizes = {"recording": 2, "time": LAYOUT.samples, "axis": 3, "axis_in": 3}
     rng = np.random.default_rng(1)
-    batch = {n: rng.integers(0, 3, [sizes[d] for d in v.dims]) for n, v in VARIABLES.items()}
+    batch = {n: rng.integers(0, 3, [sizes[d] for d in VARIABLES[n].dims]) for n in LAYOUT.variables}
     dataset.write_shard(0, batch)
     return {f"d.zarr/{n}": dataset.place.read(n) or b"" for n in dataset.place.names()}
 
@@ -332,7 +332,7 @@ def _read_store(home: Path) -> object:
 def _reseal_store(home: Path) -> None:
     """Every checksum: of chunks, of the shard, of the documents, of the manifest."""
     place = Place(home / "d.zarr")
-    found = {name: place.read(name) or b"" for name in DOCUMENTS}
+    found = {name: place.read(name) or b"" for name in LAYOUT.documents}
     try:
         said = json.loads(found[manifest.ROOT])["attributes"]
         identity = fingerprint({"schema": said["schema"], **said["configuration"]})
@@ -342,12 +342,14 @@ def _reseal_store(home: Path) -> None:
     except (ValueError, KeyError, TypeError, RecursionError):
         identity = "x"
     place.write(manifest.MANIFEST, manifest.compose(identity, found))
-    for name in manifest.shard_files(0):
+    for name in manifest.shard_files(0, LAYOUT.variables):
         content = place.read(name)
         if content and "/c/0/0/0" not in name:
             place.write(name, content[:-4] + _crc(content[:-4]))
     digest = (place.read("manifest/digest/c/0/0") or b"")[:32]
-    row = manifest.stored_checksum(identity, 0, digest, place.read)
+    row = manifest.stored_checksum(
+        identity, 0, digest, manifest.shard_files(0, LAYOUT.variables), place.read
+    )
     place.write("manifest/stored/c/0/0", row + _crc(row))
 
 

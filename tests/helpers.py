@@ -14,11 +14,12 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import sim.generate
-from lbgc.commands import CONF
+from lbgc.commands import CONF, store_defaults
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, cut
 from lbgc.errors import build
+from lbgc.sensor.imu import Triad
 from sim.generate import GenerateConfig
 
 ROOT = Path(__file__).parents[1]
@@ -35,6 +36,7 @@ def needs_recording(name: str) -> pytest.MarkDecorator:
 
 def composed(config_class: type, name: str, *overrides: str):
     """The configuration that an entry point would be called with."""
+    store_defaults(config_class)
     with initialize_config_dir(CONF, version_base="1.3"):
         raw = OmegaConf.to_container(compose(name, list(overrides)), resolve=True)
     return build(config_class, raw)
@@ -43,6 +45,13 @@ def composed(config_class: type, name: str, *overrides: str):
 def default_config(*overrides: str) -> GenerateConfig:
     """As `python sim/generate.py` composes it."""
     return composed(GenerateConfig, "generate", *overrides)
+
+
+def figures(triad: Triad, kind: type, name: str) -> tuple[float, ...]:
+    """A parameter of a triad's term of this kind, of each axis; zero of an axis without one."""
+    every = [(*own, *started) for own, started in zip(triad.terms, triad.started, strict=True)]
+    each = [[getattr(t, name) for t in own if isinstance(t, kind)] for own in every]
+    return tuple(sum(own) for own in each)
 
 
 def generate(path: Path, **changes: object) -> Dataset:

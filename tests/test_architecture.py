@@ -95,20 +95,31 @@ SLOW = {
 
 
 def imports(file: Path) -> set[str]:
-    """Dotted names of every module a file imports, wherever in it."""
+    """Dotted names of every module a file imports, wherever in it; relative ones in full."""
     names = set()
+    inside = file.relative_to(ROOT).parent.parts
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = inside[: len(inside) - node.level + 1] if node.level else ()
+            module = ".".join([*above, *filter(None, [node.module])])
+            names |= {f"{module}.{alias.name}" for alias in node.names}
     return names
+
+
+def test_relative_imports_are_read_in_full(tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), "ROOT", tmp_path)
+    (tmp_path / "lbgc/data").mkdir(parents=True)
+    file = tmp_path / "lbgc/data/__init__.py"
+    file.write_text("from . import a\nfrom .b import c\nfrom .. import d\nfrom ..e.f import g\n")
+    assert imports(file) == {"lbgc.data.a", "lbgc.data.b.c", "lbgc.d", "lbgc.e.f.g"}
 
 
 def part(name: str) -> str | None:
     """The part of the project that a dotted name belongs to, or None."""
     parts = name.split(".")
-    if parts[0] == "sim":
+    if parts[0] == "sim" or parts[:2] == ["lbgc", "sim"]:
         return "sim"
     if parts[0] != "lbgc":
         return None
@@ -124,6 +135,25 @@ def test_arrows_run_one_way(file):
         assert "sim" not in wanted
     if where not in (*ENTRY_POINTS, RENDERING) and own != "lbgc":
         assert wanted <= MAY_IMPORT[own or ""], where
+
+
+def test_the_bench_calls_itself_by_no_name():
+    """It is sim in the checkout, lbgc.sim in a wheel; the other name would be a second copy."""
+    for file in FILES:
+        text = file.read_text()
+        assert not re.search(r"^ *(from|import) (lbgc\.|lbgc import .*\b)?sim\b", text, re.M), file
+        beyond = file.is_relative_to(ROOT / "sim") and re.search(r"^ *from \.\.", text, re.M)
+        assert not beyond, f"{file}: what is beside it in the checkout a wheel has elsewhere"
+
+
+def test_inner_rooms_are_entered_from_one_side():
+    """A sensor's law knows nothing of its fit, and a log's readers nothing of the checks."""
+    for room, inner in (
+        ("lbgc/sensor", "lbgc.sensor.fitting"),
+        ("lbgc/data/readers", "lbgc.data.checks"),
+    ):
+        for file in (ROOT / room).glob("*.py"):
+            assert not any(name.startswith(f"{inner}.") for name in imports(file)), file
 
 
 @pytest.mark.parametrize("library", ROOMS)
@@ -211,6 +241,7 @@ def test_no_two_files_import_each_other_round_a_circle():
 
 def test_nothing_imports_an_entry_point():
     entries = {script.removesuffix(".py").replace("/", ".") for script in ENTRY_POINTS}
+    assert "sim.recordings" in modules()["sim.generate"]
     for name, wanted in modules().items():
         assert not wanted & (entries - {name}), name
 
@@ -276,18 +307,18 @@ def test_a_refusal_in_a_process_of_its_own_ends_with_two_and_no_traceback(tmp_pa
 
 
 def test_the_configuration_files_mirror_the_dataclasses():
-    """Every value of conf/ is a field, and every field stands in the YAML where users look."""
+    """Every value of conf/ is a field; every field of what is not composed from its dataclass
+    stands in the YAML where users look."""
     from dataclasses import fields
 
     import yaml
 
     from lbgc.data.logs import LogConfig
-    from lbgc.errors import build
     from lbgc.evaluate import EvaluateConfig
     from lbgc.info import InfoConfig
     from lbgc.learning.model import ModelConfig
     from lbgc.protocol import ProtocolConfig
-    from lbgc.sensor.datasheet import AccelConfig, GyroConfig, ImuConfig
+    from lbgc.sensor.datasheet import ImuConfig
     from lbgc.train import TrainConfig
     from sim.cluster import ClusterConfig
     from sim.generate import GenerateConfig
@@ -313,16 +344,13 @@ def test_the_configuration_files_mirror_the_dataclasses():
         assert keys(path) == {f.name for f in fields(ModelConfig)}, path
     for path in (conf / "cluster").glob("*.yaml"):
         assert keys(path) == {f.name for f in fields(ClusterConfig)}, path
-    for name, config in (("scene", SceneConfig), ("protocol", ProtocolConfig)):
-        every = yaml.safe_load((conf / f"{name}_defaults.yaml").read_text())
-        assert build(config, every) == config()
-        assert set(every) == {f.name for f in fields(config)}
+    for name, config in {
+        "imu": ImuConfig,
+        "scene": SceneConfig,
+        "protocol": ProtocolConfig,
+    }.items():
         for path in (conf / name).glob("*.yaml"):
-            assert keys(path) <= set(every), path
-    every = yaml.safe_load((conf / "imu_defaults.yaml").read_text())
-    assert build(ImuConfig, every) == ImuConfig()
-    assert set(every["gyro"]) == {f.name for f in fields(GyroConfig)}
-    assert set(every["accel"]) == {f.name for f in fields(AccelConfig)}
+            assert keys(path) <= {f.name for f in fields(config)}, path
     assert keys(conf / "log" / "csv.yaml") == {f.name for f in fields(LogConfig)}
 
 

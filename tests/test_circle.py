@@ -120,9 +120,9 @@ def test_a_sum_over_peaks_is_the_series(size, ratio):
             psi = float(np.arctan2(*np.linalg.eigh(J)[1][::-1, 1]))
         h = J @ [np.cos(psi), np.sin(psi)] + np.linalg.cholesky(J) @ rng.standard_normal(2)
         terms = circle._terms(h[None], J)
-        first, sigma = circle._of_series(terms, int(circle._steps(terms)[0]), None)
-        assert circle._of_peaks(terms[0], None)[1] == pytest.approx(sigma[0], rel=1e-5)
-        assert circle._of_peaks(terms[0], None)[0] == pytest.approx(first[0], abs=1e-7)
+        first, sigma = circle._moments_by_series(terms, int(circle._steps(terms)[0]), None)
+        assert circle._moments_of_peaks(terms[0], None)[1] == pytest.approx(sigma[0], rel=1e-5)
+        assert circle._moments_of_peaks(terms[0], None)[0] == pytest.approx(first[0], abs=1e-7)
 
 
 def test_the_narrowest_posterior_takes_no_more_room_than_any():

@@ -63,7 +63,7 @@ def test_counts_that_hide_the_noise_give_a_limit(rng):
 
 
 def test_a_tone_shakes_counts_too_and_is_no_noise(rng):
-    wave = Sinusoid(1.0, 8.01).at_phase(np.array(0.3), N, DT)
+    wave = Sinusoid(1.0, 8.01).at(np.array(0.3), N, DT)
     seen = counts.judged(rounded(0.3, rng, wave))
     assert seen.kind == "coarse"
     assert seen.low < 0.3 < seen.high

@@ -64,11 +64,11 @@ def test_the_dead_band_is_where_rounding_stops_being_noise(rng, offset):
     for sigma, is_noise in ((0.55, True), (0.2, False)):
         N = sigma * counts * 1e-6 * 9.80665 * np.sqrt(0.01) * 60
         triad = AccelConfig(vrw_m_per_s_per_sqrt_h=N, lsb_ug=counts).triad()
-        truth = np.full((3, 1), (7 + offset) * triad.lsb)
+        truth = np.full((3, 1), (7 + offset) * triad.counts.lsb)
         errors = triad.draw_run(rng, triad.none_drawn())
-        y = triad.measure(rng, truth, errors, 400_000, 0.01)[0] * triad.lsb
+        y = triad.measure(rng, truth, errors, 400_000, 0.01)[0] * triad.counts.lsb
         means = y.reshape(3, 4000, 100).mean(axis=-1)
-        model = triad.N[0] ** 2 + triad.lsb**2 * 0.01 / 12
+        model = triad.N[0] ** 2 + triad.counts.lsb**2 * 0.01 / 12
         ratio = np.mean((means - means.mean(axis=1, keepdims=True)) ** 2) / model
         assert (abs(ratio - 1) < 0.03 + 4.5 * np.sqrt(2 / means.size)) == is_noise
 

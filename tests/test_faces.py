@@ -21,12 +21,14 @@ CASES = {
     "carousel": floor_cases.Case("", "ideal", floor_cases.CAROUSEL, 120.0),
 }
 WARMING = ("imu.temperature.rise_k=20", "imu.temperature.time_s=100")
+FIELD = ("horizontal_gauss=0.24", "vertical_gauss=0.42", "declination_deg=11")
 GYRO = {
     "bias_unit": ("bias_unit_deg_per_h=2",),
     "bias_session": ("bias_session_deg_per_h=2",),
     "bias_run": ("bias_run_deg_per_h=2",),
     "matrix": ("scale_unit_ppm=3000", "misalignment_unit_mrad=2"),
     "g_sensitivity": ("g_sensitivity_deg_per_h_per_g=3",),
+    "magnetic": ("magnetic_deg_per_h_per_gauss=5",),
     "bias_per_k": ("bias_per_k_deg_per_h_per_k=1",),
     "scale_per_k": ("scale_per_k_ppm_per_k=200",),
     "N": ("arw_deg_per_sqrt_h=0.2",),
@@ -53,7 +55,8 @@ walks."""
 
 def sensor(*figures: str) -> ImuModel:
     own = (f"imu.gyro.{figure}" for figure in figures)
-    return composed(BoundConfig, "bound", "imu=ideal", *WARMING, *own).imu.model(10.0)
+    field = (f"imu.magnetic_field.{figure}" for figure in FIELD)
+    return composed(BoundConfig, "bound", "imu=ideal", *WARMING, *field, *own).imu.model(10.0)
 
 
 def part_of(imu: ImuModel, case: floor_cases.Case) -> Levelled:
@@ -98,10 +101,14 @@ def test_what_is_drawn_is_what_the_floor_expects(kind, course, perfect):
     assert (found[~there] < 1e-5 * expected.max()).all()
 
 
-@pytest.mark.parametrize("kind", [k for k in GYRO if k not in (*SWINGS, "matrix", "scale_per_k")])
+TURNING = ("matrix", "scale_per_k", "magnetic")
+"""What turns with the plate is no constant of a filter's: see `reduced_order.like_north`."""
+
+
+@pytest.mark.parametrize("kind", [k for k in GYRO if k not in (*SWINGS, *TURNING)])
 def test_a_filter_has_it_with_few_states(kind, perfect):
     """One rest's mean, and the difference of two by turns: reduced states against the exact law.
-    What follows the plate's rate is a state of its own, `drift.turning`."""
+    What follows the plate's rate is a state of its own, `reduced_order.turning`."""
     imu, part = (
         sensor(*GYRO[kind]),
         perfect["two positions"].only(perfect["two positions"].course.resting),
@@ -129,13 +136,13 @@ def test_a_filter_has_it_with_few_states(kind, perfect):
         assert 0.98 * exact - 1e-20 < reduced < REDUCED.get(kind, 1.02) * exact + 1e-20
 
 
-@pytest.mark.parametrize("kind", [k for k in GYRO if k.startswith(("bias", "matrix", "g_", "sc"))])
+@pytest.mark.parametrize("kind", [*(k for k in GYRO if k.startswith(("bias", "g_"))), *TURNING])
 def test_what_was_drawn_can_be_taken_out(kind, rng):
     imu = sensor(*GYRO[kind])
     drawn = imu.gyro.draw_unit(rng) | imu.gyro.draw_session(rng)
     drawn = imu.gyro.draw_run(rng, drawn)
     truth, force = rng.standard_normal((3, 50)) * 1e-2, rng.standard_normal((3, 50)) * 10
-    around = replace(imu.warming, force=force)
+    around = replace(imu.warming, force=force, field=rng.standard_normal((3, 50)) * 1e-5)
     warmth = around.rise(50, 1.0)
     printed = errors.printed(imu.gyro.drawn, drawn, truth, around, warmth)
     assert np.abs(printed - truth).max() > 1e-7

@@ -20,8 +20,8 @@ from helpers import ROOT, generate
 
 from lbgc.commands import run_main
 from lbgc.data import manifest, place, store
-from lbgc.data.documents import DOCUMENTS, Layout, documents
-from lbgc.data.schema import SCHEMA, VARIABLES
+from lbgc.data.documents import Layout, documents
+from lbgc.data.schema import ALWAYS, SCHEMA, VARIABLES
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError
 from lbgc.info import InfoConfig, as_override
@@ -45,7 +45,7 @@ def finish(path: Path | str, configuration: dict) -> Dataset:
                 name: np.broadcast_to(
                     values.reshape(-1, *[1] * (len(v.dims) - 1)) % 3, [sizes[d] for d in v.dims]
                 )
-                for name, v in VARIABLES.items()
+                for name, v in ((name, VARIABLES[name]) for name in LAYOUT.variables)
             },
         )
     return Dataset.open_finished(path)
@@ -86,7 +86,7 @@ def test_random_damage_is_refused_and_mended(kind, seed, copy, whole, foreign):
     refused_and_mended(copy, whole, "damaged|missing|interrupted")
 
 
-@pytest.mark.parametrize("name", [*DOCUMENTS, manifest.MANIFEST])
+@pytest.mark.parametrize("name", [*LAYOUT.documents, manifest.MANIFEST])
 def test_a_flipped_bit_in_any_document_is_named(name, copy):
     flip(copy / name, np.random.default_rng(len(name)))
     with pytest.raises(InputError, match=rf"is damaged \({name}"):
@@ -162,13 +162,14 @@ def test_killed_while_it_starts_it_starts_again(copy, whole):
             (copy / name).parent.mkdir(exist_ok=True)
             (copy / name).write_bytes(content)
         assert store.create(copy, LAYOUT, {"a": 1}, {}).missing_shards() == [0, 1]
-        names = {*DOCUMENTS, manifest.MANIFEST}
+        names = {*LAYOUT.documents, manifest.MANIFEST}
         assert contents(copy) == {n: (whole / n).read_bytes() for n in names}
 
 
 def test_a_schema_has_one_content():
     """Another content is another schema: give it the next number, and say so in the CHANGELOG."""
-    content = {name: vars(variable) for name, variable in VARIABLES.items()}
+    content = {name: dict(vars(VARIABLES[name])) for name in ALWAYS}
+    assert not any(own.pop("optional") for own in content.values())
     assert (SCHEMA, fingerprint(content)) == (4, "c4f91051c2cd89f3")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.signal
 import yaml
-from helpers import composed, generate, needs_recording
+from helpers import composed, figures, generate, needs_recording
 from test_logs import write
 
 import lbgc.fit
@@ -261,7 +261,11 @@ def test_a_log_becomes_a_sensor_that_gives_it_back(cli, tmp_path):
     again = json.loads((tmp_path / second.last_line / "fit.json").read_text())
     misses = 0
     for axis, n, b, k in zip(
-        range(3), sensor.gyro.triad().N, sensor.gyro.triad().B, sensor.gyro.triad().K, strict=True
+        range(3),
+        sensor.gyro.triad().N,
+        figures(sensor.gyro.triad(), Flicker, "B"),
+        figures(sensor.gyro.triad(), RandomWalk, "K"),
+        strict=True,
     ):
         found = again["gyro"][axis]["estimates"]
         for name, value in (("N", n), ("B", b), ("K", k)):

@@ -8,12 +8,13 @@ from helpers import default_config, generate
 
 import sim.generate
 import sim.recordings
-from lbgc.data.schema import VARIABLES
+from lbgc.data.schema import ALWAYS
 from lbgc.data.store import Dataset
 from lbgc.data.windows import cut
 from lbgc.earth import earth_rate_ned
+from lbgc.estimators.level import gyrocompass
 from lbgc.estimators.static import mean
-from lbgc.frames import rotation_z, wrap
+from lbgc.frames import level, rotation_z, wrap
 from lbgc.metrics import heading_errors
 from lbgc.protocol import STAGES
 from lbgc.sensor import streams
@@ -71,7 +72,7 @@ def test_one_seed_one_digest(tmp_path, small):
 
 def test_a_longer_dataset_begins_with_the_same_recordings(tmp_path, small):
     longer = generate(tmp_path / "longer.zarr", **(SMALL | {"recordings": 30}))
-    for name in VARIABLES:
+    for name in ALWAYS:
         np.testing.assert_array_equal(longer.label(name)[:20], small.label(name))
 
 
@@ -201,7 +202,7 @@ def test_every_field_changes_the_dataset(field, tmp_path):
         assert any(
             b[name].shape != a[name].shape or (b[name] != a[name]).any()
             for b, a in zip(before, after, strict=True)
-            for name in VARIABLES
+            for name in ALWAYS
         )
 
 
@@ -223,8 +224,6 @@ def test_thirty_experiments_agree_on_the_median(tmp_path):
         config = replace(default_config(), output="means", mean_s=240.0, seed=seed)
         rows = recordings(config, 80)
         gyro, accel = (np.array([r[n] for r in rows]) for n in ("gyro", "accel"))
-        from lbgc.estimators.level import gyrocompass, level
-
         estimate = gyrocompass(gyro[:, 0], *level(accel[:, 0]))
         errors = wrap(estimate - [r["heading"] for r in rows])
         medians.append(np.rad2deg(np.median(np.abs(errors))))
@@ -238,7 +237,7 @@ def test_means_and_samples_are_the_same_sensor(tmp_path):
     for i in range(5):
         full = recording(config, i)
         means = recording(replace(config, output="means", mean_s=20.0), i)
-        lsb = config.imu.gyro.triad().lsb
+        lsb = config.imu.gyro.triad().counts.lsb
         for name in ("gyro_bias_run", "gyro_matrix", "heading", "heading_reference"):
             np.testing.assert_array_equal(full[name], means[name])
         difference = full["gyro"].mean(axis=0) * lsb - means["gyro"][0]
@@ -281,7 +280,7 @@ def test_a_moving_recording_carries_angle_stage_and_truth():
     # what was printed less its bias, at either rest, is Earth's rate at that heading: in-run noise
     # of 16 s means, six sigma = 3 deg/h
     bias = sum(row[f"gyro_bias_{part}"] for part in ("unit", "session", "run"))
-    lsb = config.imu.gyro.triad().lsb
+    lsb = config.imu.gyro.triad().counts.lsb
     for rest in (slice(0, 800), slice(-800, None)):
         heading = row["heading"] + angle[rest].mean()
         truth = earth_rate_ned(row["latitude"]) @ rotation_z(heading)
@@ -324,7 +323,7 @@ def test_a_vehicle_sways_and_says_how_much():
     assert all(0.5 <= level <= 1.5 for level in levels)
     assert all(np.ptp(r["attitude"], axis=0).min() > 0 for r in rows)
     again = recording(config, 1)
-    for name in VARIABLES:
+    for name in ALWAYS:
         np.testing.assert_array_equal(again[name], rows[1][name])
 
 

@@ -4,13 +4,16 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from helpers import figures
 
 from lbgc.errors import InputError
 from lbgc.sensor import noise, streams
 from lbgc.sensor.datasheet import AccelConfig, AccelLine, GyroConfig, GyroLine
+from lbgc.sensor.deterministic import Sinusoid
 from lbgc.sensor.dither import check_means
 from lbgc.sensor.errors import Surroundings
 from lbgc.sensor.imu import Triad
+from lbgc.sensor.noise import Flicker, RandomWalk
 from lbgc.units import DEG, HOUR
 
 GYRO = GyroConfig(
@@ -146,9 +149,12 @@ def test_lines_are_as_many_as_are_given():
 def test_units_are_the_datasheets():
     triad = GYRO.triad()
     assert triad.N[0] == pytest.approx(0.3 * DEG / 60)
-    assert triad.B[1] == pytest.approx(2.0 * DEG / HOUR)
-    assert triad.K[2] == pytest.approx(30.0 * DEG / HOUR / 60)
-    assert triad.tone == pytest.approx((50 * DEG / HOUR, 20 * DEG / HOUR, 0.0))
+    assert figures(triad, Flicker, "B")[1] == pytest.approx(2.0 * DEG / HOUR)
+    assert figures(triad, RandomWalk, "K")[2] == pytest.approx(30.0 * DEG / HOUR / 60)
+    unfiltered = replace(GYRO, bandwidth_hz=None).triad()
+    assert figures(unfiltered, Sinusoid, "amplitude") == pytest.approx(
+        (50 * DEG / HOUR, 20 * DEG / HOUR, 0.0)
+    )
     # A density D per sqrt(Hz) is one-sided: over the Nyquist band the rms is D sqrt(rate/2), which
     # is N sqrt(rate).
     assert ACCEL.triad().N[0] * np.sqrt(200) == pytest.approx(100e-6 * 9.80665 * np.sqrt(100))
@@ -286,10 +292,10 @@ def test_carried_counts_lose_nothing_and_are_angle_quantisation(rng):
     seed = rng.integers(2**32)
     truth = np.full((3, 1), 3e-5)
     counts, _ = triad.measure(np.random.default_rng(seed), truth, errors, n, dt)
-    free = replace(triad, carried_lsb=None)
+    free = replace(triad, counts=None)
     smooth, _ = free.measure(np.random.default_rng(seed), truth, errors, n, dt)
-    total = counts.sum(axis=1) * triad.carried_lsb - smooth.sum(axis=1, dtype=float) * dt
-    assert np.abs(total).max() <= triad.carried_lsb * 0.501
+    total = counts.sum(axis=1) * triad.counts.lsb - smooth.sum(axis=1, dtype=float) * dt
+    assert np.abs(total).max() <= triad.counts.lsb * 0.501
     drawn = []
     for _ in range(200):
         y = triad.measure(rng, truth, errors, n, dt)[0] * triad.output_scale(dt)

@@ -35,7 +35,7 @@ COUNT = 400
 def model(name: str = "sdc500") -> ImuModel:
     imu = composed(BoundConfig, "bound", f"imu={name}").imu.model(RATE_HZ)
     # ten samples a second make counts of 0.001 deg/s coarse; tests draw without
-    return replace(imu, gyro=replace(imu.gyro, lsb=None), accel=replace(imu.accel, lsb=None))
+    return replace(imu, gyro=replace(imu.gyro, counts=None), accel=replace(imu.accel, counts=None))
 
 
 IDEAL = model("ideal")

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import yaml
-from helpers import default_config
+from helpers import default_config, figures
 
 from lbgc.errors import InputError, build
 from lbgc.sensor import noise
 from lbgc.sensor.datasheet import AccelConfig, GyroConfig, ImuConfig
 from lbgc.sensor.instability import allan_minimum, instability
+from lbgc.sensor.noise import Flicker, RandomWalk
 from lbgc.units import DEG, HOUR, factor
 
 CORNERS = (1.0, 3600.0)
@@ -57,16 +58,19 @@ def test_b_and_the_minimum_are_two_statements_of_one_thing():
         AccelConfig(allan_minimum_ug=20.0, allan_minimum_mg=0.03).triad()
     milli, micro = (AccelConfig(**{k: v}) for k, v in (("allan_minimum_mg", 0.02),
                                                         ("allan_minimum_ug", 20.0)))  # fmt: skip
-    np.testing.assert_allclose(milli.triad().B, micro.triad().B)
+    np.testing.assert_allclose(
+        figures(milli.triad(), Flicker, "B"), figures(micro.triad(), Flicker, "B")
+    )
 
 
 def test_each_axis_has_its_own_minimum_and_zero_is_none():
     triad = GyroConfig(
         arw_deg_per_sqrt_h=[0.1, 0.2, 0.1], allan_minimum_deg_per_h=[1, 1, 0]
     ).triad()
-    assert triad.B[0] > triad.B[1] > triad.B[2] == 0.0
+    B = figures(triad, Flicker, "B")
+    assert B[0] > B[1] > B[2] == 0.0
     for axis in (0, 1):
-        lowest = allan_minimum(triad.N[axis], triad.B[axis], 0.0, CORNERS)[0]
+        lowest = allan_minimum(triad.N[axis], B[axis], 0.0, CORNERS)[0]
         assert lowest == pytest.approx(DEG / HOUR, rel=1e-9)
 
 
@@ -116,10 +120,10 @@ def test_an_imu_file_of_kalibrs_is_taken(text):
     """Two-sided and SI, so N and K themselves."""
     model = build(ImuConfig, yaml.safe_load(text)).model(200.0)
     np.testing.assert_allclose(model.gyro.N, 1.87e-4)
-    np.testing.assert_allclose(model.gyro.K, 2.66e-5)
+    np.testing.assert_allclose(figures(model.gyro, RandomWalk, "K"), 2.66e-5)
     np.testing.assert_allclose(model.accel.N, 1.86e-3)
-    np.testing.assert_allclose(model.accel.K, 4.33e-4)
-    assert model.gyro.B == (0.0, 0.0, 0.0)
+    np.testing.assert_allclose(figures(model.accel, RandomWalk, "K"), 4.33e-4)
+    assert figures(model.gyro, Flicker, "B") == (0.0, 0.0, 0.0)
 
 
 def test_such_a_file_is_an_imu_of_the_command_line(cli, tmp_path):

@@ -16,6 +16,7 @@ from lbgc.estimators import CLASSICAL
 from lbgc.estimators.kalman import ekf
 from lbgc.evaluate import EvaluateConfig
 from lbgc.frames import wrap
+from lbgc.sensor.noise import White
 
 COUNT = 250
 OPTIMUM = {"static": "gls", "two_position": "two_position_weighted",
@@ -58,10 +59,11 @@ def test_it_is_near_the_optimum_and_its_sigma_true(drawn, protocol):
 
 
 def test_white_noise_alone():
-    none = dict.fromkeys(("B", "K", "tone"), (0.0, 0.0, 0.0))
     known = SDC500.without("unit", "session", "run")
-    quiet = replace(known.accel, N=(1e-9,) * 3, **none)
-    imu = replace(known, gyro=replace(known.gyro, **none), accel=quiet)
+    none = ((), (), ())
+    white = tuple(tuple(t for t in own if t.density > 0) for own in known.gyro.terms)
+    quiet = replace(known.accel, terms=((White(1e-9),),) * 3, started=none)
+    imu = replace(known, gyro=replace(known.gyro, terms=white, started=none), accel=quiet)
     w = windows(imu, "static", 32.76, 60.0, 1000, seed=2, interval=5.0)
     found = ekf(w.windows, imu)
     assert nse(found, w) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 1000))

@@ -17,19 +17,12 @@ from lbgc.estimators.floor import course_of, crlb, expected_floor, floor
 from lbgc.estimators.information import fitted, information, told
 from lbgc.frames import wrap
 from lbgc.protocol import plan
-from lbgc.sensor.imu import ImuModel
 
 CASES = floor_cases.cases()
 QUICK = tuple(name for name in CLASSICAL if not name.startswith("oba"))
 """Those that align by velocity are many times worse, and slow; the study has them."""
 SITE = Site.at(float(floor_cases.LATITUDE))
 COUNT = 300
-
-
-def without_noise(imu: ImuModel, **kept: tuple[float, float, float]) -> ImuModel:
-    none = dict.fromkeys(("N", "B", "K", "tone"), (0.0, 0.0, 0.0))
-    own = imu.without("unit", "session", "run")
-    return replace(own, gyro=replace(own.gyro, **none | kept), accel=replace(own.accel, **none))
 
 
 def only(windows: Windows, samples: int) -> Windows:

@@ -15,9 +15,8 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, cut, stack
 from lbgc.earth import earth_rate_ned
 from lbgc.errors import InputError
-from lbgc.estimators.level import level
 from lbgc.estimators.static import mean
-from lbgc.frames import euler_to_matrix, rotation_z, wrap
+from lbgc.frames import euler_to_matrix, level, rotation_z, wrap
 from lbgc.learning.augment import AugmentConfig, augment, earth_in_body
 from lbgc.learning.batches import Stored
 from lbgc.learning.description import FORMAT, Description

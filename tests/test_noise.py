@@ -224,8 +224,8 @@ def test_a_ramp_is_exact_in_every_realisation(rng):
     for m in (1, 10, 100):
         np.testing.assert_allclose(block_allan(y, m), ramp.allan_variance(m * dt), rtol=1e-9)
     assert set(np.sign(y[:, 0])) == {-1.0, 1.0}
-    means = Ramp(0.3).with_sign(np.ones(1), 400, dt).reshape(1, 40, 10).mean(axis=-1)
-    np.testing.assert_allclose(ramp.with_sign(np.ones(1), 40, 1.0), means)
+    means = Ramp(0.3).at(np.ones(1), 400, dt).reshape(1, 40, 10).mean(axis=-1)
+    np.testing.assert_allclose(ramp.at(np.ones(1), 40, 1.0), means)
     np.testing.assert_allclose(ramp.covariance_of_means(40, dt, 10), means.T @ means)
 
 
@@ -243,8 +243,8 @@ def test_a_line_at_frequency_zero_is_band_limited_noise():
 
 def test_sinusoid_averages_to_its_own_means(rng):
     phase, dt, block = np.array([0.4, 2.0]), 0.01, 25
-    fine = TONE.at_phase(phase, 500, dt).reshape(2, 20, block).mean(axis=-1)
-    np.testing.assert_allclose(fine, TONE.at_phase(phase, 20, dt * block), atol=1e-12)
+    fine = TONE.at(phase, 500, dt).reshape(2, 20, block).mean(axis=-1)
+    np.testing.assert_allclose(fine, TONE.at(phase, 20, dt * block), atol=1e-12)
 
 
 @pytest.mark.parametrize("m", [1, 7, 40])

@@ -9,9 +9,9 @@ from lbgc.data.record import mock_record
 from lbgc.data.windows import cut
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.errors import InputError
-from lbgc.estimators.level import gyrocompass, level
+from lbgc.estimators.level import gyrocompass
 from lbgc.estimators.static import mean
-from lbgc.frames import euler_to_matrix, wrap
+from lbgc.frames import euler_to_matrix, level, wrap
 
 ANY_HEADING = np.deg2rad(np.arange(0.0, 360.0, 7.5))
 

@@ -10,7 +10,7 @@ import xarray
 import zarr
 
 from lbgc.data import store
-from lbgc.data.schema import VARIABLES
+from lbgc.data.schema import ALWAYS, VARIABLES
 from lbgc.data.shard import Shard
 from lbgc.data.store import Dataset, Layout
 from lbgc.errors import InputError
@@ -24,8 +24,8 @@ def batch(layout: Layout, shard: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(shard)
     sizes = {"recording": len(layout.rows(shard)), "time": layout.samples, "axis": 3, "axis_in": 3}
     return {
-        name: rng.integers(0, 3, tuple(sizes[d] for d in variable.dims))
-        for name, variable in VARIABLES.items()
+        name: rng.integers(0, 3, tuple(sizes[d] for d in VARIABLES[name].dims))
+        for name in layout.variables
     }
 
 
@@ -43,7 +43,7 @@ def dataset(tmp_path) -> Dataset:
 
 def test_xarray_opens_it_with_units_and_names_on_every_variable(dataset):
     opened = xarray.open_zarr(dataset.path)
-    assert set(VARIABLES) <= set(opened.variables)
+    assert set(ALWAYS) <= set(opened.variables)
     for name, variable in opened.variables.items():
         assert variable.attrs["units"], name
         assert variable.attrs["long_name"], name
@@ -179,7 +179,7 @@ def test_a_shards_files_are_zarrs_own(tmp_path, samples, recordings):
         with zarr.config.set({"array.write_empty_chunks": True}):
             for name, value in values.items():
                 group[name][rows.start : rows.stop] = value
-    for name in VARIABLES:
+    for name in ALWAYS:
         for file in (theirs.path / name / "c").rglob("*"):
             if file.is_file():
                 same = ours.path / file.relative_to(theirs.path)
@@ -192,8 +192,8 @@ def test_what_stands_still_is_held_once_and_stored_as_if_it_were_in_full(tmp_pat
     """Recordings in parts of two, of which the first parts stand still, or all; minus zero too."""
     layout = Layout(9, 40, 2.0, {"gyro": 1e-6, "accel": None})
     made, whole = Shard(layout, 9), batch(layout, 0)
-    for name, variable in VARIABLES.items():
-        if "time" in variable.dims:
+    for name in ALWAYS:
+        if "time" in VARIABLES[name].dims:
             until = 9 if name in ("attitude", "plate_angle", "lost") else 4
             whole[name][:until] = whole[name][:until, :1]
     whole["plate_angle"] = whole["plate_angle"] * -0.0

@@ -1,1 +1,2 @@
-"""Records, the store that keeps them, the logs that become them, and the windows cut from them."""
+"""Recordings (records), the store of datasets, the logs that become records, and windows cut from
+records."""

@@ -1,5 +1,5 @@
-"""Blosc, given only what is whole: C-Blosc believes a frame's own word for its length, and reads
-beyond its end where that is wrong."""
+"""A Blosc codec that decodes complete frames only. C-Blosc trusts the length that a frame states,
+and reads beyond the frame's end where that is wrong."""
 
 import math
 from typing import Any
@@ -9,12 +9,13 @@ from zarr.codecs import BloscCodec
 from zarr.registry import register_codec
 
 _HEADER = 16
-"""Bytes: four of versions, flags and the size of a value; then content's, block's and own size."""
+"""Bytes of a frame's header: four with versions, flags and the size of a value, then four each with
+the size of the content, of a block, and of the frame."""
 
 
 class WholeBlosc(BloscCodec):
-    """Blosc that decodes nothing but whole frames, for reading and writing; `zarr` uses it in this
-    process once it is taken."""
+    """The Blosc codec, which raises ValueError for a frame that is not complete. Zarr uses it in
+    this process, for reading and writing, after `take` was called."""
 
     def _decode_sync(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
         frame = chunk_bytes.to_bytes()
@@ -26,7 +27,7 @@ class WholeBlosc(BloscCodec):
 
 
 def take() -> None:
-    """Let Zarr decode Blosc with `WholeBlosc`."""
+    """Make Zarr use `WholeBlosc` as its Blosc codec."""
     name = f"{WholeBlosc.__module__}.{WholeBlosc.__qualname__}"
     register_codec("blosc", WholeBlosc, qualname=name)
     zarr.config.set({"codecs.blosc": name})

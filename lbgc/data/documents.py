@@ -4,7 +4,7 @@ With `store.py` the only file that touches Zarr.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,21 +15,26 @@ from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
 from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import MemoryStore
 
-from lbgc.data.schema import AXES, RECORDED, VARIABLES
+from lbgc.data.schema import ALWAYS, AXES, RECORDED, VARIABLES
 from lbgc.outputs import as_json
 
 _SHARD_BYTES = 64e6
 _SHARD_RECORDINGS = 16
 _CHUNK_BYTES = 4e6
-DOCUMENTS = (
-    "zarr.json",
-    "manifest/digest/zarr.json",
-    "manifest/stored/zarr.json",
-    *(f"{name}/zarr.json" for name in (*VARIABLES, "time", "axis")),
-    "time/c/0",
-    "axis/c/0",
-)
-"""The files of a dataset without recordings, but for the manifest's own, `manifest/zarr.json`."""
+ROOT = "zarr.json"
+
+
+def names_of(variables: Iterable[str]) -> tuple[str, ...]:
+    """The files of a dataset of these variables and without recordings, but for the manifest's own,
+    `manifest/zarr.json`. The root is first: it says whose all the others are."""
+    return (
+        ROOT,
+        "manifest/digest/zarr.json",
+        "manifest/stored/zarr.json",
+        *(f"{name}/zarr.json" for name in (*variables, "time", "axis")),
+        "time/c/0",
+        "axis/c/0",
+    )
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,13 @@ class Layout:
     rate_hz: float
     scales: Mapping[str, float | None]
     """gyro, accel: SI per count, or None where floats are stored."""
+    variables: tuple[str, ...] = ALWAYS
+    """Those that it has, in the order of VARIABLES."""
+
+    @property
+    def documents(self) -> tuple[str, ...]:
+        """Its files before it has recordings: see `names_of`."""
+        return names_of(self.variables)
 
     @cached_property
     def shard(self) -> int:
@@ -51,6 +63,7 @@ class Layout:
 
     @property
     def shards(self) -> int:
+        """How many shards there are."""
         return -(-self.recordings // self.shard)
 
     def chunk(self, name: str) -> int:
@@ -81,7 +94,8 @@ class Layout:
 
 
 def documents(layout: Layout, attributes: Mapping[str, Any]) -> dict[str, bytes]:
-    """The files of DOCUMENTS, for a dataset of this layout and with these root attributes."""
+    """The files of a dataset of this layout that has no recordings yet, with these attributes of
+    its root."""
     files: dict[str, Any] = {}
     root = zarr.create_group(MemoryStore(files), attributes=dict(attributes))
     group = root.create_group("manifest")
@@ -100,8 +114,8 @@ def documents(layout: Layout, attributes: Mapping[str, Any]) -> dict[str, bytes]
             attributes={"long_name": long_name},
         )
     alike: dict[tuple[Any, ...], zarr.Array[Any]] = {}
-    for name, variable in VARIABLES.items():
-        kind = (variable.dims, layout.dtype(name))
+    for name in layout.variables:
+        kind = (VARIABLES[name].dims, layout.dtype(name))
         if kind not in alike:  # Zarr takes most of a millisecond
             alike[kind] = _create_array(root, name, layout)
         own = alike[kind].metadata.update_attributes(_attributes(name, layout))
@@ -109,7 +123,7 @@ def documents(layout: Layout, attributes: Mapping[str, Any]) -> dict[str, bytes]
     _create_coordinates(root, layout)
     made = {name: content.to_bytes() for name, content in files.items()}
     made["zarr.json"] = _consolidated(made)
-    return {name: made[name] for name in DOCUMENTS}
+    return {name: made[name] for name in layout.documents}
 
 
 def _consolidated(made: Mapping[str, bytes]) -> bytes:

@@ -1,8 +1,9 @@
-"""A shard's file of one variable, byte for byte as Zarr would write it.
+"""Encoding of a shard's file of one variable, byte for byte as Zarr would write it.
 
-Zarr takes a millisecond an array, and a shard has sixty: as long as all the rest of a shard of
-means. What it writes is simple: each chunk compressed, a checksum behind it; where a file holds
-several chunks, an index of them at its end.
+Zarr takes a millisecond an array, and a shard has sixty arrays. Through Zarr, `generate` takes 1.2
+to 1.3 times the processor time for 3072 recordings of means, 1.24 times for 2048 on two positions,
+and 1.34 times for 16 recordings of every sample. The format is simple: each chunk is compressed and
+followed by a checksum; a file of several chunks ends with an index of them.
 """
 
 from functools import lru_cache
@@ -13,23 +14,25 @@ from numcodecs import Blosc
 
 CHECKSUM_BYTES = 4
 _ABSENT = np.uint64(2**64 - 1)
+"""Entry of the index for a chunk that is not in the file."""
 
 
 def with_checksum(content: bytes) -> bytes:
-    """Zarr's crc32c codec."""
+    """The content with its CRC-32C behind it, as Zarr's crc32c codec writes it."""
     checksum: int = google_crc32c.value(content)
     return content + checksum.to_bytes(CHECKSUM_BYTES, "little")
 
 
 def _compressed(values: np.ndarray) -> bytes:
-    """A chunk. Much of a dataset stays as it is in time, and mostly at zero: it is found again."""
+    """A chunk as it is stored, compressed and with its checksum. Much of a dataset is constant in
+    time, and mostly zero; such chunks are kept and not compressed again."""
     if _is_still(values):
         return _compressed_still(values[..., :1].tobytes(), values.shape, values.dtype)
     return _with_blosc(np.ascontiguousarray(values))
 
 
 def _is_still(values: np.ndarray) -> bool:
-    """Whether nothing changes along the last axis, to the bit: minus zero is not zero."""
+    """Whether all values along the last axis are equal to the bit (minus zero is not zero)."""
     if values.strides[-1] == 0:
         return True
     bits = values.view(f"u{values.itemsize}")
@@ -39,21 +42,24 @@ def _is_still(values: np.ndarray) -> bool:
 
 @lru_cache(maxsize=16)
 def _compressed_still(first: bytes, shape: tuple[int, ...], dtype: np.dtype) -> bytes:
-    """A chunk of which these are the values at the start of its last axis, and throughout."""
+    """A stored chunk whose values are constant along its last axis; first : their bytes at the
+    start of that axis."""
     start = np.frombuffer(first, dtype).reshape(*shape[:-1], 1)
     return _with_blosc(np.ascontiguousarray(np.broadcast_to(start, shape)))
 
 
 def _with_blosc(values: np.ndarray) -> bytes:
+    """A chunk compressed by Blosc, with its checksum."""
     blosc = Blosc("zstd", 1, Blosc.BITSHUFFLE, typesize=values.itemsize)
     return with_checksum(blosc.encode(values))
 
 
 def encoded(values: np.ndarray, chunk: int, whole: int) -> bytes:
-    """The file of a shard of `whole` recordings, in chunks of so many.
+    """The content of a file that stores one variable for a shard of `whole` recordings, in chunks
+    of `chunk` recordings.
 
-    values : (recordings, ...), of the stored dtype, fewer than `whole` in the last shard; in the
-    order of axes that is stored. What is missing of a chunk is filled with zeros.
+    values : (recordings, ...), of the stored dtype and in the stored order of axes; in the last
+    shard there may be fewer than `whole`. A chunk that is not full is filled with zeros.
     """
     chunks = []
     for first in range(0, len(values), chunk):

@@ -1,4 +1,4 @@
-"""What a user says of a log: where it is, how it is laid out, its units and axes."""
+"""The configuration of a log: where its file is, how that is laid out, its units and axes."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,19 +12,22 @@ from lbgc.errors import require, require_choice, require_positive
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
 GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
+"""Units of gyro columns, of rates and of increments, and their values in SI."""
 ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
+"""Units of accelerometer columns, of forces and of increments, and their values in SI."""
 READERS = ("table", "recordings", "psins")
 GAPS = ("refuse", "join", "longest", "split")
 REPEATS = ("auto", "drop", "keep")
 DEFAULT_GYRO, DEFAULT_ACCEL = ("w_x", "w_y", "w_z"), ("f_x", "f_y", "f_z")
+"""Columns' names where the user gives none: those of the published layout."""
 
 
 @dataclass(frozen=True)
 class LogConfig:
-    """A log, what `conf/log/*.yaml` holds."""
+    """The description of a log, which `conf/log/*.yaml` holds."""
 
     name: str = "log"
-    """How reports call it."""
+    """The log's name in reports."""
     reader: str = "table"
     """table: CSV or Parquet with named columns. recordings: a directory of CSV files
     `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
@@ -44,12 +47,13 @@ class LogConfig:
     """Unit of the time column, one of TIME_UNITS; auto: as the column's name says, or the one that
     makes sense."""
     gaps: str = "refuse"
-    """A log with holes: refuse, read its longest piece, split into pieces, or join as if nothing
-    were missing. Up to ten samples here and there, a percent of all, are read over."""
+    """What is done with a log with holes: refuse it, read its longest piece, split it into pieces,
+    or join these as if nothing were missing. Holes of up to ten samples, one percent of all in
+    total, are ignored."""
     repeats: str = "auto"
-    """Rows that are printed again until the sensor's next sample. auto: read at the sensor's own
-    rate where they repeat regularly, refused else; drop: rows like the one before are left out;
-    keep: each row is a sample."""
+    """What is done with rows that are printed again until the sensor's next sample. auto: they are
+    read at the sensor's own rate where they repeat regularly, and refused otherwise; drop: rows
+    equal to the one before are left out; keep: each row is a sample."""
     gyro_unit: str = "rad/s"
     """Unit of the gyro columns: of a rate, or of an increment a sample (rad, deg, arcsec); auto: as
     the columns' names say, deg/s where they say nothing."""
@@ -57,29 +61,31 @@ class LogConfig:
     """Unit of the accelerometer columns: of a specific force, or of an increment a sample (m/s,
     g*s, ug*s); auto: m/s2 or g, whichever makes the log rest at 1 g."""
     gyro_scale: float = 1.0
-    """Units a count."""
+    """Gyro units in one count of the file."""
     accel_scale: float = 1.0
-    """Units a count."""
+    """Accelerometer units in one count of the file."""
     axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
     """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
     accel_axes: list[str] | None = None
-    """As `axes`, of accelerometers whose axes or sign are not the gyros'; null: they are the
+    """The same for accelerometers whose axes or signs differ from the gyros'; null: they are the
     gyros'. Accelerometers that print +g down beside gyros [x, y, z] are [-x, -y, -z]."""
     rate_hz: float | None = None
     """Samples a second; null: from the time column or the header."""
     latitude: float | None = None
-    """degrees; null: from the header"""
+    """Latitude, degrees; null: from the header."""
     heading_deg: float | None = None
-    """Reference heading of the forward axis; null: from the header or the file's name, if there."""
+    """Reference heading of the forward axis, degrees; null: from the header or the file's name, if
+    there."""
     bias_limit_deg_per_h: float | None = None
-    """Largest gyro bias that you know this sensor to have: a mean rate further from Earth's is
-    refused, and estimators that are told of no sensor take every bias within it as equally
-    probable. null: nothing is known of it."""
+    """The largest gyro bias that this sensor is known to have: a mean rate further from Earth's is
+    refused, and estimators without a sensor model take every bias within it as equally probable.
+    null: nothing is known of it."""
     most_bias_deg_per_h: float = 14.0
-    """Where that is null: bias above which a mean rate is refused, for a wrong unit would make one.
-    Below 15 a unit that makes the rates too small is seen as well."""
+    """The bias above which a mean rate is refused where `bias_limit_deg_per_h` is null, since a
+    wrong unit would look like one. Below 15 a unit that makes the rates too small is noticed as
+    well."""
     accept: list[str] = field(default_factory=list)
-    """Checks, by the names that their messages give, whose refusals become notes."""
+    """Checks, by the names in their messages, whose refusals become notes."""
 
     def __post_init__(self) -> None:
         require_choice("reader", self.reader, READERS)
@@ -115,18 +121,18 @@ class LogConfig:
 
     @property
     def axes_of_accel(self) -> list[str]:
-        """The accelerometers' own axes, or the gyros'."""
+        """The axes of the accelerometers: their own, or those of the gyros where none are given."""
         return self.axes if self.accel_axes is None else self.accel_axes
 
     @property
     def bias_limit(self) -> float | None:
-        """rad/s, the limit that the user knows."""
+        """The largest gyro bias that is known, rad/s; None where nothing is known."""
         limit = self.bias_limit_deg_per_h
         return None if limit is None else limit * DEG / HOUR
 
     @property
     def refuses_above(self) -> tuple[str, float]:
-        """The key and the bias, deg/h, above which a mean rate is refused."""
+        """The bias, deg/h, above which a mean rate is refused, after the key that states it."""
         if self.bias_limit_deg_per_h is not None:
             return "log.bias_limit_deg_per_h", self.bias_limit_deg_per_h
         return "log.most_bias_deg_per_h", self.most_bias_deg_per_h

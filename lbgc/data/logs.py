@@ -1,4 +1,4 @@
-"""Real logs become records here; after that nobody can tell them from simulated ones."""
+"""Conversion of real logs to records, which from then on are treated like simulated ones."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,14 +17,15 @@ from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
 _UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
+"""Units that depend on the value of g that a file states."""
 
 
 def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> Iterator[Record]:
-    """The log's recordings. Raises InputError for whatever is wrong with it.
+    """Read a log's recordings and check them. Raises InputError where the log is refused.
 
-    imu : what is stated of the sensor, where anything is; north : whether the heading is asked
-    for. Where it is not (the noise is fitted, the sensor calibrated), what only a heading needs is
-    noted, not refused.
+    imu : the sensor's error model, where it is known; north : whether the heading is asked for.
+    Where it is not (the noise is fitted, the sensor calibrated), faults that matter only to a
+    heading become notes.
     """
     found = [
         all_checks.checked(record, raw.config, imu, north)
@@ -35,7 +36,7 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
 
 
 def _records(raw: Raw) -> Iterator[Record]:
-    """Records in SI and forward-right-down, one for each piece."""
+    """The records of a file, in SI and forward-right-down, one for each evenly sampled piece."""
     require(len(raw.gyro) > 1, raw.name, f"{len(raw.gyro)} samples", "is no recording")
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
@@ -50,7 +51,7 @@ def _records(raw: Raw) -> Iterator[Record]:
 
 
 def _timing(raw: Raw) -> EvenPieces:
-    """Timing by the log's stamps, or by the stated rate where it has none."""
+    """The log's rate and pieces by its time stamps, or by the stated rate where it has none."""
     stated = raw.config.rate_hz
     if raw.stamps is None:
         require(
@@ -69,6 +70,7 @@ def _timing(raw: Raw) -> EvenPieces:
 
 
 def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
+    """The record of one piece at this rate, Hz, its units and axes converted."""
     config = raw.config
     require(config.latitude is not None, "log.latitude", None, "must be given for this log")
     assert config.latitude is not None
@@ -88,6 +90,7 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
 
 
 def _forces(raw: Raw, rate_hz: float) -> np.ndarray:
+    """Specific forces in m/s^2. The unit "auto" is g where their mean is below 3, else m/s2."""
     values, unit = raw.accel * raw.config.accel_scale, raw.config.accel_unit
     if unit == "auto":
         unit = "g" if np.linalg.norm(values.mean(axis=0)) < 3 else "m/s2"

@@ -9,20 +9,23 @@ stored. A flipped bit anywhere, or a file lost, cut short or taken from another 
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 from lbgc.data.place import Place, is_partial
-from lbgc.data.schema import SCHEMA, VARIABLES
+from lbgc.data.schema import ALWAYS, SCHEMA, VARIABLES
 from lbgc.errors import InputError, require
 from lbgc.outputs import UNSEALED, as_json, fingerprint, is_sealed, seal
 
 ROOT = "zarr.json"
 MANIFEST = "manifest/zarr.json"
 AGAIN = "run the command that generated it again"
+_NO_VARIABLES = {"manifest", "time", "axis"}
+Read: TypeAlias = Callable[[str], bytes | None]
 NONE = "is no dataset; make one with `python sim/generate.py`"
 
 
 def sha256(content: bytes) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
@@ -103,18 +106,32 @@ def damaged_documents(place: Place, names: Iterable[str]) -> list[str]:
     return [n for n in names if checksums.get(n) != sha256(place.read(n) or b"")]
 
 
-def shard_files(shard: int) -> list[str]:
-    """The files of a shard: one a variable."""
-    return [f"{n}/c/{shard}" + "/0" * (len(v.dims) - 1) for n, v in sorted(VARIABLES.items())]
+def variables(place: Place) -> tuple[str, ...]:
+    """The variables that the dataset here names in its manifest, in the order of VARIABLES; what
+    every dataset has, where that is damaged. Raises InputError where it names others."""
+    manifest = _intact(place)
+    if manifest is None:
+        return ALWAYS
+    files = (str(name) for name in manifest["documents"])
+    named = {n.removesuffix("/zarr.json") for n in files if n.count("/") == 1 and n.endswith(ROOT)}
+    unknown = named - VARIABLES.keys() - _NO_VARIABLES
+    what = f"has variables that this version does not know ({', '.join(sorted(unknown)[:4])})"
+    require(not unknown, "data", place, f"{what}; read it with the version that made it")
+    return tuple(name for name in VARIABLES if name in named)
+
+
+def shard_files(shard: int, variables: Iterable[str]) -> list[str]:
+    """The files of a shard: one a variable, by name."""
+    return [f"{n}/c/{shard}" + "/0" * (len(VARIABLES[n].dims) - 1) for n in sorted(variables)]
 
 
 def stored_checksum(
-    identity: str, shard: int, digest: bytes, read: Callable[[str], bytes | None]
+    identity: str, shard: int, digest: bytes, files: Iterable[str], read: Read
 ) -> bytes:
     """SHA-256 over whose a shard is, its decoded arrays' digest, and its files, as `read` has
     them."""
     checksum = hashlib.sha256(f"{identity} {shard} ".encode() + digest)
-    for name in shard_files(shard):
+    for name in files:
         content = read(name)
         size = -1 if content is None else len(content)
         checksum.update(f"{name} {size} ".encode())

@@ -1,4 +1,4 @@
-"""Where a dataset's files lie: a local directory, or whatever fsspec finds behind a URL."""
+"""The location of a dataset's files: a local directory, or whatever fsspec finds behind a URL."""
 
 import fcntl
 import os
@@ -15,15 +15,17 @@ from lbgc.outputs import write_atomically
 
 
 def is_partial(name: str) -> bool:
-    """Whether a file is half of one, as Zarr and `write_atomically` name what they have begun."""
+    """Whether a file is only partly written, by the name that Zarr and `write_atomically` give to
+    such files."""
     return ".partial" in name.rsplit("/", 1)[-1]
 
 
 class Place:
-    """A directory of files. Names are relative to it and have forward slashes.
+    """A directory of files, local or behind a URL. Names of files are relative to it and have
+    forward slashes.
 
     where : a path, or a URL like file:///data/d.zarr or s3://bucket/d.zarr. Raises InputError
-    where the URL is of no kind that is known here.
+    where the URL's kind is not known on this machine.
     """
 
     def __init__(self, where: "str | Path | Place"):
@@ -49,14 +51,16 @@ class Place:
 
     @property
     def in_memory(self) -> bool:
-        """Whether only this process sees it."""
+        """Whether it is in this process's memory, which no other process sees."""
         return self._where.startswith("memory:")
 
     def inside(self, name: str) -> "Place":
+        """The directory of this name inside this one."""
         return Place(f"{str(self).rstrip('/')}/{name}")
 
     def names(self) -> list[str]:
-        """Every file here and below, and every link, which is not followed."""
+        """The names of all files here and below, in order, and of links, which are not
+        followed."""
         if self.local is None:
             prefix = self._root.rstrip("/") + "/"
             return sorted(path.removeprefix(prefix) for path in self._files.find(self._root))
@@ -68,11 +72,12 @@ class Place:
         return sorted(found)
 
     def is_link(self, name: str) -> bool:
+        """Whether a name is that of a symbolic link in a local directory."""
         return self.local is not None and (self.local / name).is_symlink()
 
     def is_own(self, name: str) -> bool:
-        """Whether a name is of a local file that lies here: no link is on the way to it, and no
-        device or pipe is at its end."""
+        """Whether a name is that of a plain local file inside this directory, reached without
+        following a link, and neither a link nor a device or pipe itself."""
         assert self.local is not None
         *above, last = Path(name).parts
         if ".." in above or Path(name).is_absolute():
@@ -88,7 +93,8 @@ class Place:
             return False
 
     def read(self, name: str) -> bytes | None:
-        """A file's content; None where there is no such file, or a link in its place."""
+        """A file's content; None where there is no such file, or where it is not the directory's
+        own (see `is_own`)."""
         try:
             if self.local is not None:
                 return (self.local / name).read_bytes() if self.is_own(name) else None
@@ -97,7 +103,7 @@ class Place:
             return None
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file whole or not at all."""
+        """Write a file completely or, where that fails locally, not at all."""
         if self.local is not None:
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -106,7 +112,7 @@ class Place:
             self._files.pipe_file(f"{self._root}/{name}", content)
 
     def remove(self, name: str) -> None:
-        """Remove a file (or a link, not what it points to), if it is there."""
+        """Remove a file, or a link but not its target, if it is there."""
         if self.local is not None:
             (self.local / name).unlink(missing_ok=True)
         elif self._files.exists(f"{self._root}/{name}"):
@@ -114,11 +120,11 @@ class Place:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Nobody else may write here meanwhile; the directory is made if need be.
+        """A context in which no other process may write here; the directory is made if need be.
 
-        The lock is the operating system's, on the directory itself: it ends with its process,
-        however that ends, and leaves nothing behind. A URL has none. Raises InputError where
-        somebody else writes here.
+        The lock is the operating system's, on the directory itself. It ends with its process,
+        however that ends, and leaves no file behind. A URL has no lock. Raises InputError where
+        another process writes here.
         """
         if self.local is None:
             yield
@@ -141,7 +147,8 @@ class Place:
 
 @contextmanager
 def writing(place: Place) -> Iterator[None]:
-    """What cannot be written is the user's to mend: said as such, as InputError."""
+    """A context in which a failure to write raises InputError, because the user must remove its
+    cause."""
     try:
         yield
     except OSError as error:

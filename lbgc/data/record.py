@@ -1,4 +1,4 @@
-"""A recording: what simulated data and real logs both become."""
+"""A recording of an IMU, the form that simulated data and real logs both take."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,26 +13,28 @@ from lbgc.errors import InputError, require
 class Record:
     """One recording of one IMU, and what is known of it.
 
-    A real record may lack the truth (`heading` None) and even the reference.
+    A real recording lacks the true heading (`heading` is None), and may lack the reference.
     """
 
     name: str
+    """The recording's name in messages and reports"""
     gyro: np.ndarray
-    """(T, 3), rad/s, means over (t_k - dt, t_k], body axes forward-right-down."""
+    """(T, 3), rad/s, mean rates over (t_k - dt, t_k], body axes forward-right-down."""
     accel: np.ndarray
-    """(T, 3), m/s^2, specific force."""
+    """(T, 3), m/s^2, mean specific force over the same intervals and along the same axes."""
     plate_angle: np.ndarray
     """(T,), rad, as the encoder reads it: zero at the recording's start."""
     rate_hz: float
+    """Samples a second"""
     latitude: float
-    """rad"""
+    """Latitude, rad"""
     heading: float | None = None
     """rad, the true heading when the encoder reads zero."""
     heading_reference: float | None = None
-    """rad, what the reference instrument says it is."""
+    """rad, the same heading by the reference instrument."""
     notes: tuple[str, ...] = ()
-    """What whoever reads its results must know: how its clock was read, what of its frame could not
-    be checked. Plain sentences."""
+    """Plain sentences that belong to the recording's results: how its clock was read, what of its
+    frame could not be checked."""
 
     def __post_init__(self) -> None:
         n = len(self.gyro)
@@ -42,38 +44,43 @@ class Record:
 
     @property
     def duration_s(self) -> float:
+        """The recording's duration, s."""
         return len(self.gyro) / self.rate_hz
 
 
 SAMPLED = ("gyro", "accel", "plate_angle")
-"""What a recording, and a window of it, has a value of for each sample."""
+"""Fields of a recording, and of windows, that have a value for each sample."""
 
 
 def whole_multiple(rate_hz: float, target_hz: float) -> int | None:
-    """How many samples of one rate make one of the other; None where that is no whole number."""
+    """The ratio of two rates, the number of samples at rate_hz in one at target_hz; None where that
+    is not a whole number."""
     ratio = rate_hz / target_hz
     whole = round(ratio)
     return whole if whole >= 1 and abs(ratio - whole) < 1e-6 * ratio else None
 
 
 _UNEVEN = 0.02
-"""How much longer or shorter than asked for a block or a window may be, of its length."""
+"""The relative amount by which a block or a window may be longer or shorter than asked for."""
 _SAME = 0.01
+"""The relative difference of rates below which they are taken as one."""
 _FEWEST = 20
-"""Samples a block, for blocks that differ by one to pass as alike."""
+"""Samples in a block from which on blocks that differ by one sample are taken as equal."""
 
 
 def nearest_samples(seconds: float, rate_hz: float) -> int | None:
-    """The whole number of samples nearest to so long a time; None where it is more than 2% off."""
+    """The whole number of samples that is nearest to a length of time, s; None where it is more
+    than 2% off."""
     asked = seconds * rate_hz
     size = round(asked)
     return size if size >= 1 and abs(size - asked) <= _UNEVEN * asked else None
 
 
 def block_edges(samples: int, rate_hz: float, target_hz: float) -> np.ndarray | None:
-    """Where blocks of 1/target_hz begin and end, (blocks + 1,): whole and equal where the rates
-    have a whole ratio (what is left over is cut), else as equal as whole samples can be, where
-    a sample more or less is little. None where neither can be."""
+    """The edges, in samples, of consecutive blocks of 1/target_hz, (blocks + 1,). Where the rates
+    have a whole ratio the blocks are equal, and samples left over at the end are cut. Otherwise
+    their lengths differ by one sample where blocks are long enough for that to be negligible, or
+    the block nearest in length is taken. None where none of these is within 2%."""
     block = whole_multiple(rate_hz, target_hz)
     if block is not None:
         return np.arange(samples // block + 1) * block
@@ -87,7 +94,7 @@ def block_edges(samples: int, rate_hz: float, target_hz: float) -> np.ndarray | 
 
 
 def means_between(values: np.ndarray, edges: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Means over the samples from each edge to the next, along this axis."""
+    """Means of the values from each edge to the next along an axis, in float64."""
     sizes = np.diff(edges)
     cut = values[(slice(None),) * axis + (slice(0, int(edges[-1])),)]
     if np.ptp(sizes) == 0:
@@ -98,11 +105,11 @@ def means_between(values: np.ndarray, edges: np.ndarray, axis: int = 0) -> np.nd
 
 
 def block_means(record: Record, rate_hz: float) -> Record:
-    """The record at a lower rate: means over blocks as equal as whole samples can be; what is left
-    over at the end is cut.
+    """The record at a lower rate, by means over blocks of equal length, or of lengths that differ
+    by one sample; samples left over at the end are cut.
 
-    Raises InputError where the record's rate is no whole multiple of `rate_hz`, nor near to one,
-    and blocks have too few samples for one more or less to be little.
+    Raises InputError where the record's rate is not a whole multiple of `rate_hz`, nor near to one,
+    and blocks have so few samples that a difference of one matters.
     """
     edges = block_edges(len(record.gyro), record.rate_hz, rate_hz)
     if edges is None:
@@ -119,14 +126,16 @@ def block_means(record: Record, rate_hz: float) -> Record:
 
 
 def true_rate(edges: np.ndarray, rate_hz: float, target_hz: float) -> float:
-    """Rate of blocks between these edges: the one asked for, where they make it."""
+    """The rate, Hz, of blocks with these edges: target_hz where the rates have a whole ratio, and
+    otherwise the mean rate that the edges make."""
     if len(edges) < 2 or whole_multiple(rate_hz, target_hz) is not None:
         return target_hz
     return rate_hz * (len(edges) - 1) / float(edges[-1])
 
 
 def require_one_rate(records: Sequence[Record]) -> None:
-    """Raise InputError where recordings whose noise is to be pooled differ in rate by 1%."""
+    """Raise InputError where the rates of recordings whose noise is to be pooled differ by more
+    than 1%."""
     first = records[0]
     for record in records:
         if abs(record.rate_hz / first.rate_hz - 1) > _SAME:
@@ -135,7 +144,8 @@ def require_one_rate(records: Sequence[Record]) -> None:
 
 
 def mock_record(**changes: object) -> Record:
-    """A small level record at rest, heading 40 degrees at 32.76 N, for tests; any field changed."""
+    """A short record for tests, level and at rest at a heading of 40 degrees and 32.76 N, with the
+    fields in `changes` replaced."""
     from lbgc.earth import earth_rate_ned, normal_gravity
     from lbgc.frames import rotation_z
 

@@ -12,11 +12,16 @@ SPLITS = ("train", "validation", "test")
 
 @dataclass(frozen=True)
 class Variable:
+    """A variable as it is stored: its dimensions, type, unit, name and what its flags mean."""
+
     dims: tuple[str, ...]
     dtype: str
     units: str
     long_name: str
     flags: tuple[str, ...] = ()
+    optional: bool = False
+    """Whether only those datasets have it in which it is drawn. What came to the schema after it
+    was numbered is optional, so that datasets from before stay as they are and can be read."""
 
 
 RECORDED = ("recording", "time", "axis")
@@ -106,5 +111,10 @@ VARIABLES: dict[str, Variable] = {
             ("g_sensitivity", _MATRIX, f"{unit} / (m s-2)", "drawn {} per specific force"),
         )
     },
+    "gyro_magnetic": Variable(
+        _MATRIX, "float64", "rad s-1 T-1", "drawn gyro per magnetic field", optional=True
+    ),
 }
+ALWAYS = tuple(name for name, variable in VARIABLES.items() if not variable.optional)
+"""What every dataset has."""
 AXES = ("forward", "right", "down")

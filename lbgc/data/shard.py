@@ -15,7 +15,7 @@ class Shard:
     def __init__(self, layout: Layout, recordings: int):
         self._layout, self._recordings, self._filled = layout, recordings, 0
         self._held: dict[str, np.ndarray] = {}
-        self._still = {name for name, variable in VARIABLES.items() if "time" in variable.dims}
+        self._still = {name for name in layout.variables if "time" in VARIABLES[name].dims}
 
     def append(self, part: Mapping[str, np.ndarray]) -> None:
         """part : every variable of the next recordings; what stands still as `np.broadcast_to`

@@ -1,5 +1,5 @@
-"""A static recording, as noise is fitted to it: several recordings of a resting IMU, cut to one
-length, and whether they are one steady state."""
+"""A static recording to which noise is fitted: several recordings of a resting IMU, cut to one
+length, and the test that they are one steady state."""
 
 from dataclasses import dataclass
 
@@ -12,31 +12,41 @@ from lbgc.sensor.fitting.goodness import bartlett
 AXES = ("forward", "right", "down")
 PARTS = ("gyro", "accel")
 _EIGHTHS = 8
+"""Stretches of a recording whose powers are compared."""
 _MATTERS = 3.0
+"""Ratio of powers from which on a recording is not steady."""
 _CHANCE = 5.7e-7 / 18
-"""Five sigma, shared by three axes of two sensors at three time scales."""
+"""Chance of five sigma, divided among three axes of two sensors at three time scales."""
 
 
 @dataclass(frozen=True)
 class Static:
-    """Resting recordings of one length: gyro and accel (R, n, 3), SI."""
+    """R resting recordings of one length."""
 
     name: str
+    """The log's name in messages"""
     gyro: np.ndarray
+    """(R, n, 3), rad/s"""
     accel: np.ndarray
+    """(R, n, 3), m/s^2"""
     dt: float
+    """The samples' interval, s"""
     latitude: float
+    """Latitude, rad"""
     heading: np.ndarray | None
-    """(R,), rad, where every recording's is known"""
+    """(R,), rad, headings; None unless all are known"""
     session: np.ndarray | None
-    """(R,), which power-up each is from, where that is known"""
+    """(R,), the power-up that each recording is from; None where that is not known"""
 
 
 def require_steady(static: Static) -> None:
-    """Raise InputError where the recording is not one steady state: a resting IMU's differences
-    between neighbours (samples, means over 0.1 s, over 1 s) have one power throughout. Refused is
-    where the powers of eight stretches differ by a factor of three, and by more than five sigma of
-    what so many differences can."""
+    """Raise InputError where a recording is not one steady state, or where a channel never changes.
+
+    For a resting IMU the differences between neighbouring samples, means over 0.1 s and means over
+    1 s have the same power throughout. A recording is refused where the powers of eight stretches
+    differ by a factor of three, and by more than five sigma of what as many differences may have by
+    chance.
+    """
     for part in PARTS:
         still = np.ptp(getattr(static, part), axis=1).min(axis=0)
         if not still.all():
@@ -57,7 +67,7 @@ def require_steady(static: Static) -> None:
         means = series[:, : count * block].reshape(len(series), count, block, 3).mean(axis=2)
         for axis in range(3):
             if _is_coarse(series[:, :, axis]):
-                continue  # how often a count changes hangs on where the mean stands within it
+                continue  # how often a count changes depends on where the mean lies within it
             ratio, p = _unsteadiness(np.diff(means[:, :, axis], axis=1))
             if ratio > _MATTERS and p < _CHANCE:
                 raise InputError(
@@ -68,20 +78,23 @@ def require_steady(static: Static) -> None:
 
 
 def _is_coarse(series: np.ndarray) -> bool:
-    """Whether samples, (R, n), have counts that the noise from one to the next does not shake."""
+    """Whether samples (R, n) have counts that the noise from sample to sample does not dither."""
     lsb = count_size(series[0])
     noise = np.mean(np.diff(series, axis=1) ** 2) / 2
     return lsb is not None and noise < (ENOUGH**2 + 1 / 12) * lsb**2
 
 
 def _unsteadiness(differences: np.ndarray) -> tuple[float, float]:
-    """The largest power of an eighth over the least, and the chance of as much. differences :
-    (R, n), unit. They are as good as so many independent ones: (sum of S)^2/(sum of S^2) over
-    frequencies, S their spectrum; a raw periodogram's squares are twice as large as S's."""
+    """The largest power of an eighth over the least, and the p-value that eighths differ as much.
+
+    differences : (R, n), unit. The number of independent ones among them is (sum of S)^2/(sum of
+    S^2) over the frequencies, with S their spectrum; the squares of a raw periodogram are twice as
+    large as those of S.
+    """
     eighths = np.array_split(differences, _EIGHTHS, axis=1)
     power = np.array([np.mean(e**2) for e in eighths])
     periodogram = np.sum(np.abs(np.fft.rfft(differences, axis=1)) ** 2, axis=0)
-    spread = 1 + 1 / len(differences)  # of the mean over recordings
+    spread = 1 + 1 / len(differences)  # mean square of the mean periodogram over S^2
     freedom = 2 * spread * np.sum(periodogram) ** 2 / np.sum(periodogram**2) * len(differences)
     ratio = float(power.max() / max(power.min(), 1e-300))
     return ratio, bartlett(np.maximum(power, 1e-300), freedom / _EIGHTHS)

@@ -19,7 +19,7 @@ from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
 from lbgc.data import codec, manifest
-from lbgc.data.documents import DOCUMENTS, Layout, documents
+from lbgc.data.documents import Layout, documents, names_of
 from lbgc.data.encoding import encoded, with_checksum
 from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
@@ -49,7 +49,7 @@ def create(
     require(manifest.owner(place) in (None, identity), "out", path, what)
     with writing(place):
         remove_strays(place)
-        damaged = manifest.damaged_documents(place, DOCUMENTS)
+        damaged = manifest.damaged_documents(place, layout.documents)
         if damaged:
             attributes = {
                 "Conventions": "CF-1.11",
@@ -61,10 +61,10 @@ def create(
                 **recipe,
             }
             made = documents(layout, attributes)
-            for name in DOCUMENTS:  # the root first: it says whose all the others are
+            for name in layout.documents:
                 if name in damaged:
                     place.write(name, made[name])
-            found = {name: place.read(name) or b"" for name in DOCUMENTS}
+            found = {name: place.read(name) or b"" for name in layout.documents}
             place.write(manifest.MANIFEST, manifest.compose(identity, found))
     return Dataset.open(path)
 
@@ -105,7 +105,7 @@ def _group(place: Place, mode: Literal["r", "r+"]) -> zarr.Group:
 
 def damaged_documents(place: Place) -> list[str]:
     """The documents of a dataset that are not what its manifest says."""
-    return manifest.damaged_documents(place, DOCUMENTS)
+    return manifest.damaged_documents(place, names_of(manifest.variables(place)))
 
 
 def _digest(arrays: Iterable[tuple[str, np.ndarray]]) -> bytes:
@@ -157,7 +157,8 @@ class Dataset:
         damaged = damaged_documents(place)
         require(not damaged, "data", place, f"is damaged ({some(damaged)}); {manifest.AGAIN}")
         with reading("data", place, "is no dataset of this version"):
-            layout = layout_of({name: place.read(name) or b"" for name in DOCUMENTS})
+            named = manifest.variables(place)
+            layout = layout_of({n: place.read(n) or b"" for n in names_of(named)}, named)
             return cls(place, _group(place, "r"), layout)
 
     @classmethod
@@ -184,18 +185,22 @@ class Dataset:
 
     @property
     def path(self) -> Path:
+        """Where the dataset lies; of one elsewhere, its URL."""
         return Path(str(self.place))
 
     @property
     def identity(self) -> str:
+        """The fingerprint of its configuration and schema."""
         return str(self._group.attrs["identity"])
 
     @property
     def configuration(self) -> dict[str, Any]:
+        """What decided its content, as `create` was given it."""
         return dict(self._group.attrs["configuration"])  # type: ignore[arg-type]
 
     @property
     def rate_hz(self) -> float:
+        """Stored values a second: samples, or means."""
         return self.layout.rate_hz
 
     def _array(self, name: str) -> zarr.Array[Any]:
@@ -246,7 +251,9 @@ class Dataset:
         return sorted(self.missing_shards() + self.damaged_shards())
 
     def _stored(self, shard: int, digest: np.ndarray) -> bytes:
-        return manifest.stored_checksum(self.identity, shard, digest.tobytes(), self.place.read)
+        files = manifest.shard_files(shard, self.layout.variables)
+        own = digest.tobytes()
+        return manifest.stored_checksum(self.identity, shard, own, files, self.place.read)
 
     def write_shard(self, shard: int, batch: Mapping[str, np.ndarray]) -> None:
         """Write all variables of a shard's recordings, then its checksums.
@@ -256,16 +263,17 @@ class Dataset:
         what stands still is `np.broadcast_to`: see `lbgc.data.shard`.
         Raises InputError where it cannot be written.
         """
-        missing = set(VARIABLES) ^ set(batch)
-        assert not missing, f"a shard holds every variable and no other: {missing}"
         layout, files = self.layout, {}
+        missing = set(layout.variables) ^ set(batch)
+        assert not missing, f"a shard holds every variable and no other: {missing}"
+        names = manifest.shard_files(shard, layout.variables)
         values = {n: v.astype(layout.dtype(n), copy=False) for n, v in batch.items()}
-        for name, file in zip(sorted(VARIABLES), manifest.shard_files(shard), strict=True):
+        for name, file in zip(sorted(layout.variables), names, strict=True):
             by_axis = VARIABLES[name].dims == RECORDED
             stored = values[name].swapaxes(1, 2) if by_axis else values[name]
             files[file] = encoded(stored, layout.chunk(name), layout.shard)
         digest = _digest(values.items())
-        stored_is = manifest.stored_checksum(self.identity, shard, digest, files.get)
+        stored_is = manifest.stored_checksum(self.identity, shard, digest, names, files.get)
         with writing(self.place):
             for file, content in files.items():
                 self.place.write(file, content)
@@ -275,7 +283,7 @@ class Dataset:
     def _shard_digest(self, shard: int) -> bytes:
         """SHA-256 over the shard's decoded arrays, read from the store."""
         rows = self.layout.rows(shard)
-        arrays = ((n, self._read(n, rows.start, rows.stop)) for n in sorted(VARIABLES))
+        arrays = ((n, self._read(n, rows.start, rows.stop)) for n in sorted(self.layout.variables))
         return _digest(arrays)
 
     def digest(self) -> str:

@@ -3,29 +3,30 @@ opened. What Zarr would look up by name (codecs), and every size, is held agains
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from lbgc.data.documents import DOCUMENTS, Layout
-from lbgc.data.schema import VARIABLES
+from lbgc.data.documents import ROOT, Layout
+from lbgc.data.schema import ALWAYS, VARIABLES
 
 _CODECS = {"transpose", "bytes", "blosc", "crc32c", "sharding_indexed"}
 _MOST_RECORDINGS, _MOST_SAMPLES, _MOST_SHARDS = 10**9, 10**8, 10**7
 _KEYS = {"name": "default", "configuration": {"separator": "/"}}
 
 
-def layout_of(documents: Mapping[str, bytes]) -> Layout:
-    """The dataset's shape, by its documents (name -> content, of DOCUMENTS).
+def layout_of(documents: Mapping[str, bytes], variables: Iterable[str]) -> Layout:
+    """The dataset's shape, by its documents (name -> content).
 
     Raises ValueError, saying which is not as it must be.
     """
     said = {n: _object(n, c) for n, c in documents.items() if n.endswith("zarr.json")}
-    layout = _layout(said)
+    layout = _layout(said, variables)
     rows = {"shape": [layout.shards, 32], "data_type": "uint8"}
     for name in ("digest", "stored"):
         _check_array(f"manifest/{name}", said, rows, [1, 32], [1, 32])
     sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
-    for name, variable in VARIABLES.items():
+    for name in layout.variables:
+        variable = VARIABLES[name]
         shape = tuple(sizes[d] for d in variable.dims)
         kind = str(layout.dtype(name))
         shard, chunk = (layout.shard, *shape[1:]), (layout.chunk(name), *shape[1:])
@@ -49,10 +50,10 @@ def _attributes(document: dict[str, Any]) -> dict[str, Any]:
     return attributes if isinstance(attributes, dict) else {}
 
 
-def _layout(said: Mapping[str, dict[str, Any]]) -> Layout:
+def _layout(said: Mapping[str, dict[str, Any]], variables: Iterable[str]) -> Layout:
     """The layout, from the root's rate and the shape and scale of gyro and accel."""
-    rate: Any = _attributes(said[DOCUMENTS[0]]).get("rate_hz")
-    _require(_is_number(rate) and 0 < rate < math.inf, DOCUMENTS[0], "rate_hz", rate)
+    rate: Any = _attributes(said[ROOT]).get("rate_hz")
+    _require(_is_number(rate) and 0 < rate < math.inf, ROOT, "rate_hz", rate)
     shape: Any = said["gyro/zarr.json"].get("shape")
     good = isinstance(shape, list) and len(shape) == 3 and all(type(n) is int for n in shape)
     _require(good, "gyro", "shape", shape)
@@ -64,7 +65,9 @@ def _layout(said: Mapping[str, dict[str, Any]]) -> Layout:
         good = scale is None or (_is_number(scale) and 0 < scale < math.inf)
         _require(good, name, "scale_factor", scale)
         scales[name] = None if scale is None else float(scale)
-    layout = Layout(shape[0], shape[1], float(rate), scales)
+    missing = set(ALWAYS) - set(variables)
+    _require(not missing, ROOT, "variables", f"all but {sorted(missing)}")
+    layout = Layout(shape[0], shape[1], float(rate), scales, tuple(variables))
     _require(layout.shards <= _MOST_SHARDS, "gyro", "shape", shape)
     return layout
 

@@ -1,4 +1,5 @@
-"""Windows of records: what an estimator is given, and, for training, what is known of them."""
+"""Windows of recordings, which are what an estimator is given, and windows with labels, for
+training and scoring."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,50 +20,53 @@ from lbgc.data.record import (
 from lbgc.errors import InputError
 
 _MOST = 0.98
-"""Share of a window's samples that blocks must hold, at the least."""
+"""The least share of a window's samples that whole blocks must cover."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Windows:
-    """W equally long windows. An estimator answers each from its own row alone."""
+    """W windows of equal length. An estimator answers each from its own row alone."""
 
     gyro: np.ndarray
-    """(W, T, 3), rad/s"""
+    """(W, T, 3), rad/s, angular rates"""
     accel: np.ndarray
-    """(W, T, 3), m/s^2"""
+    """(W, T, 3), m/s^2, specific forces"""
     plate_angle: np.ndarray
-    """(W, T), rad, since the recording's start"""
+    """(W, T), rad, angle of the plate since the recording's start"""
     rate_hz: float
+    """Samples a second"""
     latitude: np.ndarray
-    """(W,), rad"""
+    """(W,), rad, latitude"""
     start_s: np.ndarray
-    """(W,), s since the recording's start"""
+    """(W,), s, when each window begins, since the recording's start"""
 
     def __len__(self) -> int:
         return len(self.gyro)
 
     @property
     def duration_s(self) -> float:
+        """The length of each window, s."""
         return float(self.gyro.shape[1] / self.rate_hz)
 
     def rows(self, which: slice | np.ndarray) -> "Windows":
-        """Some of the windows."""
+        """The windows that `which` selects."""
         return replace(self, **{k: v[which] for k, v in vars(self).items() if k != "rate_hz"})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Labelled:
-    """Windows, and what is known of where they looked: an estimator is given the windows alone."""
+    """Windows with their headings as labels. An estimator is given the windows alone."""
 
     windows: Windows
+    """The W windows"""
     heading: np.ndarray
-    """(W,), rad, true, when the encoder reads zero; NaN where unknown"""
+    """(W,), rad, true heading when the encoder reads zero; NaN where unknown"""
     heading_reference: np.ndarray
-    """(W,), rad; NaN where unknown"""
+    """(W,), rad, the same heading by the reference instrument; NaN where unknown"""
 
     @classmethod
     def joined(cls, several: Sequence["Labelled"]) -> "Labelled":
-        """Those of windows of one length and rate, as one set."""
+        """Several sets of labelled windows, of one length and rate, as one set."""
         return cls(
             windows=joined([own.windows for own in several]),
             heading=np.concatenate([own.heading for own in several]),
@@ -73,7 +77,7 @@ class Labelled:
         return len(self.windows)
 
     def rows(self, which: slice | np.ndarray) -> "Labelled":
-        """Some of the windows."""
+        """The labelled windows that `which` selects."""
         return Labelled(
             windows=self.windows.rows(which),
             heading=self.heading[which],
@@ -88,7 +92,7 @@ def window_of(
     latitude_deg: float,
     plate_angle: np.ndarray | None = None,
 ) -> Windows:
-    """One's own arrays as one window.
+    """The arrays of a user's own recording as one window.
 
     gyro : (T, 3), rad/s, and accel : (T, 3), m/s^2, forward-right-down, each sample the mean over
     its interval; plate_angle : (T,), rad, None where nothing turns. Raises InputError where the
@@ -108,8 +112,8 @@ def window_of(
 
 
 def cut(record: Record, window_s: float) -> Windows:
-    """The record's consecutive windows of this length, or of the whole number of samples nearest
-    to it; none (W = 0) where it is shorter.
+    """Cut a record into consecutive windows of `window_s`, or of the whole number of samples
+    nearest to that; no window (W = 0) where the record is shorter.
 
     Raises InputError where no whole number of samples is within 2% of the length.
     """
@@ -136,14 +140,15 @@ def cut(record: Record, window_s: float) -> Windows:
 
 
 def joined(several: Sequence[Windows]) -> Windows:
-    """Windows of one length and rate, as one set."""
+    """Several sets of windows, of one length and rate, as one set."""
     names = (*SAMPLED, "latitude", "start_s")
     values: dict[str, Any] = {n: np.concatenate([getattr(w, n) for w in several]) for n in names}
     return replace(several[0], **values)
 
 
 def length_note(record: Record, window_s: float) -> str | None:
-    """How long the record's windows are, where that is not as long as asked for."""
+    """A sentence that says how long the record's windows are where they cannot be exactly as long
+    as `window_s`; None where they can."""
     size = nearest_samples(window_s, record.rate_hz)
     if size is None or whole_multiple(window_s, 1 / record.rate_hz) is not None:
         return None
@@ -154,12 +159,12 @@ def length_note(record: Record, window_s: float) -> str | None:
 
 
 def at_rate(windows: Windows, rate_hz: float) -> Windows:
-    """The windows at a lower rate, by block means: of equal blocks, or as equal as whole samples
-    can be.
+    """The windows at a lower rate, by means over blocks of equal length, or of lengths that differ
+    by one sample.
 
-    Raises InputError where their rate is no whole multiple of `rate_hz`, nor near to one, and
-    blocks have too few samples for one more or less to be little; or where more than 2% of a window
-    is no whole block.
+    Raises InputError where the windows' rate is not a whole multiple of `rate_hz`, nor near to one,
+    and blocks have so few samples that a difference of one matters; or where whole blocks leave
+    more than 2% of a window.
     """
     samples = windows.gyro.shape[1]
     edges = block_edges(samples, windows.rate_hz, rate_hz)
@@ -178,7 +183,8 @@ def at_rate(windows: Windows, rate_hz: float) -> Windows:
 
 
 def stack(records: Iterable[Record], rate_hz: float) -> Labelled:
-    """Whole recordings of one length, at one rate, each as one window: a training set in memory."""
+    """A training set in memory: whole recordings of one length, averaged to one rate, each as one
+    window."""
     rows: Sequence[Record] = [block_means(r, rate_hz) for r in records]
     windows = Windows(
         gyro=np.stack([r.gyro for r in rows]),
@@ -190,6 +196,6 @@ def stack(records: Iterable[Record], rate_hz: float) -> Labelled:
     )
     return Labelled(
         windows=windows,
-        heading=np.array([r.heading for r in rows], float),  # None: NaN
+        heading=np.array([r.heading for r in rows], float),  # None becomes NaN
         heading_reference=np.array([r.heading_reference for r in rows], float),
     )

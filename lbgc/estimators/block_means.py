@@ -1,8 +1,7 @@
-"""How a window's parts lie in time and on the plate, and its sensors' means over them.
+"""The parts into which a window on a turntable is cut, and the sensors' means over them.
 
-Whatever asks a window of a bench for its heading sees it so: some hundred block means at rest or in
-steady motion, in the body's axes, which turn with the plate; and each slew from rest to rest as
-one mean more.
+An estimator for the bench sees a window as up to 240 block means at rest or in steady motion, in
+the body's axes, which turn with the plate; each slew from rest to rest is one further mean.
 """
 
 from collections.abc import Iterable
@@ -18,20 +17,21 @@ from lbgc.estimators.plate import mean_angle, mean_turn, tilt_of, travel_within,
 from lbgc.frames import turned, unrepeated
 
 MOST_BLOCKS = 240
+"""Largest number of blocks into which a window is cut."""
 ENCODER = np.deg2rad(0.01)
-"""rad, 1 sigma, of a plate's angle as an encoder tells it."""
+"""Standard deviation of the plate's angle as the encoder reads it, rad."""
 _PARTS = ("blocks", "lengths", "angle", "rate", "turned", "squared", "unsure")
 _Part: TypeAlias = tuple[int, int, float, float, complex, float, float]
-_MOVES = 0.02  # of the fastest
-_MANY = 4  # samples of a slew that show its course
+_MOVES = 0.02  # a sample of a slew counts as moving above this share of the largest travel
+_MANY = 4  # moving samples, from which on they show how a slew proceeds in time
 _TOLD = np.deg2rad(50.0)
-"""Travel of the plate from sample to sample, rad: above it a slew's mean cosine does not follow
-from them."""
+"""Largest travel of the plate from sample to sample, rad, at which the mean cosine over a slew
+still follows from its samples."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """Where a window was taken."""
+    """The place where a window was taken: its latitude and its normal gravity."""
 
     latitude: float
     """rad"""
@@ -56,27 +56,29 @@ class Site:
 
 @dataclass(frozen=True)
 class Course:
-    """Where n parts of one window lie: blocks, and slews that take several. Hashable, so that what
-    follows from it is worked out once for all windows that are alike."""
+    """The n parts of one window: single blocks, and slews, each of which takes several blocks.
+
+    It is hashable, so that what follows from it is computed once for all windows that share it.
+    """
 
     interval: float
-    """s, of a block"""
+    """s, duration of a block"""
     start: int
-    """blocks between the recording's start and the window's"""
+    """Number of blocks between the recording's start and the window's"""
     blocks: tuple[int, ...]
-    """which of the window's blocks each part begins with, (n,)"""
+    """(n,), number within the window of the first block of each part"""
     lengths: tuple[int, ...]
-    """how many blocks each takes, (n,): one, but for slews"""
+    """(n,), number of blocks in each part: one, but for slews"""
     angle: tuple[float, ...]
-    """(n,), rad, the plate's, mean over the part"""
+    """(n,), rad, mean angle of the plate over each part"""
     rate: tuple[float, ...]
-    """(n,), rad/s, the plate's, likewise; zero at rest"""
+    """(n,), rad/s, mean rate of the plate over each part; zero at rest"""
     turned: tuple[complex, ...]
-    """(n,), mean of exp(i plate's angle) over the part"""
+    """(n,), mean of exp(i plate's angle) over each part"""
     squared: tuple[float, ...]
-    """(n,), (rad/s)^2, mean of the rate's square"""
+    """(n,), (rad/s)^2, mean square of the plate's rate over each part"""
     unsure: tuple[float, ...]
-    """(n,), 1 sigma of `turned`: of slews, which are told by so many samples; zero else"""
+    """(n,), 1 sigma of `turned`: of slews, of which only samples are known; zero elsewhere"""
 
     @property
     def c(self) -> np.ndarray:
@@ -85,6 +87,7 @@ class Course:
 
     @property
     def s(self) -> np.ndarray:
+        """Mean of sin(plate angle) over each part, (n,)."""
         return np.array(self.turned, complex).imag
 
     @property
@@ -94,23 +97,25 @@ class Course:
 
     @property
     def resting(self) -> np.ndarray:
+        """In which parts the plate rests, bool (n,)."""
         return np.asarray((np.array(self.rate) == 0.0) & ~self.slewing)
 
     @property
     def count(self) -> int:
-        """Blocks from the window's start to the last part's end."""
+        """Number of blocks from the window's start to the last part's end."""
         return self.blocks[-1] + self.lengths[-1]
 
     def averaged(self) -> np.ndarray:
-        """What makes the parts' means of the blocks', (n, count)."""
+        """Matrix (n, count) that averages the blocks' means to the parts' means."""
         matrix = np.zeros((len(self.blocks), self.count))
         for row, first, length in zip(matrix, self.blocks, self.lengths, strict=True):
             row[first : first + length] = 1 / length
         return matrix
 
     def encoder_errors(self) -> np.ndarray:
-        """What an error of the plate's angle in each block makes of the parts' rates, (n, count
-        + 2), 1/s, with a block more at either end; nothing at rest, where the rate is known."""
+        """Matrix (n, count + 2), 1/s, from errors of the plate's angle in each block, one more
+        block at either end included, to errors of the parts' rates. Its rows are zero at rest,
+        where the rate is known."""
         matrix = np.zeros((len(self.blocks), self.count + 2))
         resting = self.resting
         for k, (first, length) in enumerate(zip(self.blocks, self.lengths, strict=True)):
@@ -120,7 +125,7 @@ class Course:
         return matrix
 
     def only(self, which: np.ndarray) -> "Course":
-        """The part of it where `which`, bool (n,), is true."""
+        """The course made of those parts alone where `which`, bool (n,), is true."""
         every = zip(*(getattr(self, name) for name in _PARTS), strict=True)
         return Course(self.interval, self.start, *_columns(compress(every, which)))
 
@@ -133,18 +138,19 @@ class Course:
         size: int = 1,
         settling: np.ndarray | None = None,
     ) -> "Course":
-        """The course by means of the plate's angle over samples, (n size,), rad, unwrapped.
+        """The course that follows from the plate's mean angle over each sample.
 
-        interval : s, of a block of `size` samples; settling : bool (n,), blocks in which the plate
-        is not at rest yet although its angle does not show it.
+        angle : (n size,), rad, unwrapped; interval : s, of a block of `size` samples; start_s : s,
+        the window's start in its recording; settling : bool (n,), blocks in which the plate is not
+        at rest yet although its angle does not show it.
 
-        Left out are blocks in which the plate speeds up or slows down, if they are not between two
-        rests: those together are a slew, in which the plate has travelled what lies between the
-        rests. Where samples are so long that its course does not show, a slew is left out, too.
+        Blocks in which the plate speeds up or slows down are left out, unless they lie between two
+        rests. Those together are one slew, in which the plate travels the angle between the rests.
+        A slew is left out too if its samples are too long to show how it proceeds.
         """
         of_blocks = angle.reshape(-1, size).mean(axis=1)
         used, resting = usable(of_blocks)
-        used = used | resting  # those before and after a long slew tell most of a bias
+        used = used | resting  # rests before and after a long slew tell most of a bias
         rate = travel_within(of_blocks) / interval
         if settling is not None:
             used = used & ~settling
@@ -165,8 +171,8 @@ class Course:
 def _slew(
     angle: np.ndarray, of_blocks: np.ndarray, size: int, interval: float, before: int, last: int
 ) -> list[_Part]:
-    """The slew between the rests of blocks `before` and `last` + 1, as one part, or none where its
-    samples are too few to tell it."""
+    """The slew between the rests that end in block `before` and begin in block `last` + 1, as a
+    list of one part; an empty list where its samples are too few to show how it proceeds."""
     length = last - before
     samples = angle[(before + 1) * size : (last + 1) * size]
     around = angle[(before + 1) * size - 1 : (last + 1) * size + 1]
@@ -177,61 +183,65 @@ def _slew(
     turned = np.mean(mean_turn(samples, travel))
     rate = (of_blocks[last + 1] - of_blocks[before]) / (length * interval)
     squared = np.mean((travel * size / interval) ** 2)
-    # what a steady rate within each sample does to it; or a jump, where few samples tell them apart
+    # The effect on `turned` of an even rate within each sample; or of a jump there, where the
+    # samples are too few to tell one from the other.
     unsure = np.mean(travel**2) / (24 if moving >= _MANY else 2)
     return [(before + 1, length, float(samples.mean()), float(rate), complex(turned),
              float(squared), float(unsure))]  # fmt: skip
 
 
 def _columns(parts: Iterable[_Part]) -> tuple[tuple[Any, ...], ...]:
+    """One tuple for each field in _PARTS, from rows of parts; empty ones where there is no part."""
     return tuple(zip(*parts, strict=True)) or ((),) * len(_PARTS)
 
 
 @dataclass(frozen=True)
 class Levelled:
-    """Windows that share a course and a latitude."""
+    """Means over the parts of V windows that share a course and a latitude."""
 
     course: Course
     site: Site
     rows: np.ndarray
-    """which windows these are, (V,)"""
+    """(V,), numbers of these windows among all windows"""
     body: np.ndarray
     """(V, 6, n): rate, rad/s, and specific force, m/s^2, forward, right and down in the body's
-    axes; the plate's own rate taken off"""
+    axes; the plate's own rate is subtracted"""
     base: np.ndarray
-    """(V, 3, 3), from the base's axes to level ones, as the accelerometers have it"""
+    """(V, 3, 3), rotation from the base's axes to level ones, by the accelerometers"""
 
     @property
     def tilt(self) -> np.ndarray:
-        """(V,), rad, of the base"""
+        """Angle between the base's down axis and the vertical, (V,), rad."""
         return np.asarray(np.arccos(np.clip(self.base[:, 2, 2], -1, 1)))
 
     @property
     def data(self) -> np.ndarray:
-        """(V, 4, n): forward and right rate, rad/s, forward and right specific force, m/s^2, in
-        level axes that turn with the plate."""
+        """Means in level axes that turn with the plate, (V, 4, n): forward and right rate, rad/s,
+        forward and right specific force, m/s^2."""
         at = np.array(self.course.angle)[None]
         both = (np.moveaxis(self.body[:, rows], 1, -1) for rows in (slice(3), slice(3, 6)))
         return np.concatenate([_turned_level(v, at, self.base) for v in both], axis=1)
 
     def only(self, which: np.ndarray) -> "Levelled":
-        """The parts where `which`, bool (n,), is true."""
+        """The same windows with those parts alone where `which`, bool (n,), is true."""
         return replace(self, course=self.course.only(which), body=self.body[:, :, which])
 
     def some(self, which: np.ndarray) -> "Levelled":
-        """Some of the windows, bool (V,)."""
+        """Those windows alone where `which`, bool (V,), is true."""
         return replace(self, rows=self.rows[which], body=self.body[which], base=self.base[which])
 
 
 def levelled(
     windows: Windows, sample_s: float | None = None, timeless: bool = False
 ) -> list[Levelled]:
-    """The windows by course and latitude. sample_s : the sensor's own interval, where the windows
-    hold means; timeless : whether it makes no difference when in its recording a window starts.
+    """Windows averaged over the parts of their courses, and grouped by course and latitude.
 
-    The base's tilt is found by its mean specific force in the base's axes; what that leaves is
-    small, and linear models (lbgc.estimators.information) have it. What is left over behind the
-    last whole block is cut.
+    sample_s : the sensor's own interval, where the windows hold means; timeless : whether it makes
+    no difference when in its recording a window starts.
+
+    The base's tilt follows from the mean specific force in the base's axes. The small error that
+    this leaves is an unknown of the linear models (lbgc.estimators.information). Samples after the
+    last whole block are dropped.
     """
     size = block_size(windows.gyro.shape[1])
     w, n = len(windows), windows.gyro.shape[1] // size
@@ -263,7 +273,7 @@ def levelled(
 
 
 def _parts(body: np.ndarray, course: Course) -> np.ndarray:
-    """The parts' means, (V, 6, n), of the blocks' (V, blocks, 6)."""
+    """Means over the parts, (V, 6, n), without the plate's rate; body : (V, blocks, 6)."""
     found = body[:, list(course.blocks)]
     for k in np.flatnonzero(course.slewing):
         first = course.blocks[k]
@@ -273,14 +283,15 @@ def _parts(body: np.ndarray, course: Course) -> np.ndarray:
 
 
 def block_size(samples: int) -> int:
-    """Samples of a block: the fewest that make at most 240 blocks of the window; a few more where
-    those divide it."""
+    """Number of samples in a block: the smallest that makes at most 240 blocks of the window, or
+    up to a quarter more where that divides the window evenly."""
     least = -(-samples // MOST_BLOCKS)
     whole = (k for k in range(least, least + least // 4 + 1) if samples % k == 0)
     return next(whole, least)
 
 
 def _turned_level(values: np.ndarray, angle: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """The horizontal part in level axes that turn with the plate: (W, n, 3) -> (W, 2, n)."""
+    """Horizontal components, in level axes that turn with the plate, of vectors in the body's
+    axes: (W, n, 3) -> (W, 2, n). angle : rad, the plate's; tilt : (W, 3, 3), of the base."""
     level_axes = turned(values, angle) @ np.swapaxes(tilt, 1, 2)
     return np.moveaxis(turned(level_axes[..., :2], -angle), -1, 1)

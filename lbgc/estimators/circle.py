@@ -1,4 +1,4 @@
-"""The posterior on the circle of a heading that is seen through a Gaussian measurement.
+"""The posterior on the circle of a heading that is measured with Gaussian noise.
 
 Whatever measures Earth's horizontal rate, whose size is known, sees q = (cos psi, sin psi) through
 noise: z = q + e, e ~ Normal(0, S). With a flat prior on the circle, J = S^-1 and h = J z,
@@ -31,19 +31,19 @@ CHANCE = np.pi / np.sqrt(3.0)
 """Root mean square error, rad, of a heading that is guessed: 103.92 degrees."""
 _COARSE = np.linspace(-np.pi, np.pi, 32, endpoint=False)
 _NODES_A_WIDTH = 10.0
-"""Steps of the circle over the narrowest width that the posterior can have: series end there at
-exp(-12) of their first term."""
-_MOST_WIDE = 256  # steps, above which one narrow peak is cheaper by itself
-_MOST_STEPS = 2**14  # above which a series takes too long
-_PEAK = np.linspace(-8.0, 8.0, 25)  # widths from the mode; such sums err by exp(-44)
-_FAR = 30.0  # of log p: what lies so far below the mode weighs nothing
-_NUMBERS = 2**18  # held at once
-_LEAST = 1e-20
+"""Grid steps within the smallest width that the posterior can have: with so many, the last term of
+its Fourier series is exp(-12) of the first."""
+_MOST_WIDE = 256  # grid steps above which a sum over one narrow peak costs less than a series
+_MOST_STEPS = 2**14  # grid steps above which a series takes too long
+_PEAK = np.linspace(-8.0, 8.0, 25)  # nodes in widths from the mode; such sums err by exp(-44)
+_FAR = 30.0  # drop of log p below the mode from which on a density weighs nothing
+_NUMBERS = 2**18  # array elements held at once
+_LEAST = 1e-20  # smallest variance of a measurement
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of V headings."""
+    """The first moment of the posteriors of V headings, and their spread about an answer."""
 
     first: np.ndarray
     """(V,), complex, E[exp(i psi)]"""
@@ -52,21 +52,27 @@ class Posterior:
 
     @property
     def heading(self) -> np.ndarray:
-        """(V,), rad, the circular mean."""
+        """The circular mean, (V,), rad."""
         return np.asarray(np.angle(self.first))
 
 
 def measured(z: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """h (V, 2) and J of the measurements z (V, 2) of q, whose errors have the covariance S, (2, 2)
-    or (V, 2, 2); it is taken to be 1e-20 at least, for a measurement without any error."""
+    """h, (V, 2), and J, shaped like S, of measurements z, (V, 2), of q.
+
+    S : (2, 2) or (V, 2, 2), covariance of their errors. 1e-20 is added to its diagonal, so that a
+    measurement without any error has a J too.
+    """
     J = np.linalg.inv(S + _LEAST * np.eye(2))
     J = (J + np.swapaxes(J, -1, -2)) / 2
     return np.einsum("...ij,...j->...i", J, z), J
 
 
 def posterior(h: np.ndarray, J: np.ndarray, answer: np.ndarray | None = None) -> Posterior:
-    """The posteriors' moments. h : (V, 2); J : (2, 2), or (V, 2, 2); answer : (V,), rad, that sigma
-    is about, or None for the circular mean. NaN where h or J is."""
+    """First moment and spread of V posteriors; NaN where h or J is.
+
+    h : (V, 2); J : (2, 2), or (V, 2, 2); answer : (V,), rad, the angle about which sigma is taken,
+    or None for the circular mean.
+    """
     terms = _terms(h, J)
     first, sigma = np.full(len(h), np.nan + 0j), np.full(len(h), np.nan)
     known = np.isfinite(terms).all(axis=1)
@@ -79,33 +85,36 @@ def posterior(h: np.ndarray, J: np.ndarray, answer: np.ndarray | None = None) ->
 
 
 def _posterior(terms: np.ndarray, answer: np.ndarray | None) -> Posterior:
-    """Narrow peaks apart from what is spread over the circle, and these by their widths."""
+    """First moment and spread, each posterior by the way that suits its shape: a sum over one
+    narrow peak, a sum over each of several peaks, or a Fourier series of the whole circle."""
     first, sigma = np.empty(len(terms), complex), np.empty(len(terms))
     steps = _steps(terms)
     at = np.zeros(len(terms))
     narrow = steps > _MOST_WIDE
     if narrow.any():
         rows = np.flatnonzero(narrow)
-        at[rows], narrow[rows] = _peak(terms[rows])
+        at[rows], narrow[rows] = _narrow_peak(terms[rows])
     if narrow.any():
         rows = np.flatnonzero(narrow)
         about = None if answer is None else answer[rows]
-        first[rows], sigma[rows] = _of_peak(terms[rows], at[rows], about)
+        first[rows], sigma[rows] = _moments_of_peak(terms[rows], at[rows], about)
     long = ~narrow & (steps > _MOST_STEPS)
     for row in np.flatnonzero(long):
-        first[row], sigma[row] = _of_peaks(terms[row], None if answer is None else answer[row])
+        first[row], sigma[row] = _moments_of_peaks(
+            terms[row], None if answer is None else answer[row]
+        )
     for count in np.unique(steps[~narrow & ~long]):
         every = np.flatnonzero(~narrow & (steps == count))
         size = max(1, _NUMBERS // int(count))
         for rows in (every[i : i + size] for i in range(0, len(every), size)):
             about = None if answer is None else answer[rows]
-            first[rows], sigma[rows] = _of_series(terms[rows], int(count), about)
+            first[rows], sigma[rows] = _moments_by_series(terms[rows], int(count), about)
     return Posterior(first, np.minimum(sigma, CHANCE))
 
 
 def bent(sigma: np.ndarray) -> np.ndarray:
-    """The standard deviation on the circle, (V,), rad, of an angle that one measures with this one,
-    (V,), when errors are small: it grows to 103.92 degrees and no further."""
+    """Standard deviation on the circle, (V,), rad, of an angle measured with the standard deviation
+    sigma, (V,), rad. It equals sigma where that is small, and never exceeds 103.92 degrees."""
     J = np.eye(2) / np.maximum(sigma, np.sqrt(_LEAST))[:, None, None] ** 2
     return np.where(sigma > 0, posterior(J[:, 0], J).sigma, sigma)
 
@@ -116,7 +125,8 @@ def mode(h: np.ndarray, J: np.ndarray) -> np.ndarray:
 
 
 def _terms(h: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """log p = terms x (cos psi, sin psi, cos 2 psi, sin 2 psi) and a constant, (V, 4)."""
+    """Coefficients, (V, 4), of cos psi, sin psi, cos 2 psi and sin 2 psi in log p, which is their
+    sum and a constant."""
     terms = np.empty((len(h), 4))
     terms[:, :2] = h
     terms[:, 2] = (J[..., 1, 1] - J[..., 0, 0]) / 4
@@ -125,26 +135,27 @@ def _terms(h: np.ndarray, J: np.ndarray) -> np.ndarray:
 
 
 def _waves(psi: np.ndarray | float) -> np.ndarray:
-    """(4, *S)"""
+    """cos psi, sin psi, cos 2 psi and sin 2 psi of angles of shape *S, rad: (4, *S)."""
     return np.stack([np.cos(psi), np.sin(psi), np.cos(2 * psi), np.sin(2 * psi)])
 
 
-def _most_curved(terms: np.ndarray) -> np.ndarray:
-    """The most that log p can bend anywhere, (V,)."""
+def _largest_curvature(terms: np.ndarray) -> np.ndarray:
+    """Upper bound, (V,), on the absolute second derivative of log p over the circle."""
     bent: np.ndarray = np.hypot(terms[:, 0], terms[:, 1]) + 4 * np.hypot(terms[:, 2], terms[:, 3])
     return bent
 
 
 def _steps(terms: np.ndarray) -> np.ndarray:
-    """How many steps of the circle the posterior's series takes, (V,): powers of two."""
-    wanted = _NODES_A_WIDTH * np.sqrt(_most_curved(terms))
+    """Number of grid steps on the circle that the posterior's series needs, (V,), powers of two."""
+    wanted = _NODES_A_WIDTH * np.sqrt(_largest_curvature(terms))
     return np.asarray(2 ** np.ceil(np.log2(np.maximum(wanted, 32.0))).astype(int))
 
 
-def _of_series(
+def _moments_by_series(
     terms: np.ndarray, count: int, answer: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """E[exp(i psi)] and the root mean square angle about the answer, over the whole circle."""
+    """E[exp(i psi)] and the root mean square angle about the answer, (V,) each, by the Fourier
+    series of p on a grid of `count` steps over the whole circle."""
     log_p = terms @ _waves(2 * np.pi * np.arange(count) / count)
     p = np.exp(log_p - log_p.max(axis=1, keepdims=True))
     series = np.fft.rfft(p, axis=1)
@@ -155,16 +166,16 @@ def _of_series(
     turn = np.multiply.accumulate(turn, axis=1)  # exp(i k a), k = 1, 2, ...
     k = np.arange(1, series.shape[1] + 1)
     weight = 4 * (1 - 2 * (k % 2)) / k**2
-    weight[-1] /= 2  # the last one is its own mirror
+    weight[-1] /= 2  # the last term, k = count/2, is its own complex conjugate
     square = np.pi**2 / 3 + (series * turn).real @ weight
     return first, np.sqrt(np.maximum(square, 0.0))
 
 
 def _mode(terms: np.ndarray) -> np.ndarray:
-    """The most likely headings, (V,), rad: on a grid, then Newton's steps: log p has four waves at
-    most, however narrow p is."""
+    """The most likely headings, (V,), rad: the highest point of a coarse grid, then Newton's steps.
+    The grid suffices however narrow p is, since log p is made of four waves at most."""
     psi = _COARSE[np.argmax(terms @ _waves(_COARSE), axis=1)]
-    most = np.maximum(_most_curved(terms), 1e-300)
+    most = np.maximum(_largest_curvature(terms), 1e-300)
     for _ in range(8):
         slope, bend = _slope(terms, psi)
         step = slope / np.maximum(-bend, 0.05 * most)
@@ -179,34 +190,38 @@ def _slope(terms: np.ndarray, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return y * c - x * s + 2 * (y2 * c2 - x2 * s2), -(x * c + y * s) - 4 * (x2 * c2 + y2 * s2)
 
 
-def _peak(terms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Modes, and whether all that weighs anything is one peak there of nearly Gaussian shape."""
+def _narrow_peak(terms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Modes, (V,), rad, and whether all the probability that counts is in one peak of nearly
+    Gaussian shape about the mode, bool (V,)."""
     at = _mode(terms)
-    most = _most_curved(terms)
+    most = _largest_curvature(terms)
     good = -_slope(terms, at)[1] > most / 20
-    # where the first wave prevails there is but one peak; elsewhere a grid shows another one
+    # Where cos psi and sin psi prevail there is only one peak; elsewhere a grid shows another one.
     unsure = np.hypot(terms[:, 0], terms[:, 1]) < 4 * np.hypot(terms[:, 2], terms[:, 3])
     for rows in np.array_split(np.flatnonzero(unsure), 1 + unsure.sum() * 32 // _NUMBERS):
         log_p = terms[rows] @ _waves(_COARSE)
         highest = (log_p > np.roll(log_p, 1, axis=1)) & (log_p >= np.roll(log_p, -1, axis=1))
         elsewhere = np.abs(wrap(_COARSE[None] - at[rows, None])) > 1.5 * (_COARSE[1] - _COARSE[0])
         top = np.einsum("vi,iv->v", terms[rows], _waves(at[rows]))
-        hidden = most[rows] * (_COARSE[1] - _COARSE[0]) ** 2 / 8  # how far a grid is below a peak
+        hidden = (
+            most[rows] * (_COARSE[1] - _COARSE[0]) ** 2 / 8
+        )  # most by which a grid misses a top
         likely = log_p > (top - _FAR - hidden)[:, None]
         good[rows] &= ~(highest & elsewhere & likely).any(axis=1)
     return at, good
 
 
-def _of_peak(
+def _moments_of_peak(
     terms: np.ndarray, at: np.ndarray, answer: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """E[exp(i psi)] and the root mean square angle about the answer, about one narrow peak."""
+    """E[exp(i psi)] and the root mean square angle about the answer, (V,) each, of posteriors that
+    are one narrow peak at the mode `at`, (V,), rad: by a sum over eight widths either way."""
     first, sigma = np.empty(len(at), complex), np.empty(len(at))
     size = _NUMBERS // (4 * len(_PEAK))
     for rows in (slice(i, i + size) for i in range(0, len(at), size)):
         own = terms[rows]
         off = _PEAK / np.sqrt(-_slope(own, at[rows])[1])[:, None]
-        log_p = _below(own.T[..., None], at[rows][:, None], off)
+        log_p = _log_ratio(own.T[..., None], at[rows][:, None], off)
         p = np.exp(log_p)
         p /= p.sum(axis=1, keepdims=True)
         first[rows] = np.sum(p * np.exp(1j * off), axis=1) * np.exp(1j * at[rows])
@@ -215,9 +230,9 @@ def _of_peak(
     return first, sigma
 
 
-def _of_peaks(terms: np.ndarray, answer: float | None) -> tuple[complex, float]:
-    """E[exp(i psi)] and the root mean square angle about the answer, of one posterior, (4,), whose
-    peaks are narrow but two, or flat."""
+def _moments_of_peaks(terms: np.ndarray, answer: float | None) -> tuple[complex, float]:
+    """E[exp(i psi)] and the root mean square angle about the answer of one posterior, terms (4,),
+    that is narrow but has two peaks, or a flat one: by Gauss-Legendre sums over each."""
     psi, log_p, width = [], [], []
     nodes, node_weights = np.polynomial.legendre.leggauss(200)
     maxima = _maxima(terms)
@@ -226,7 +241,7 @@ def _of_peaks(terms: np.ndarray, answer: float | None) -> tuple[complex, float]:
         least, most = (-_reach(terms, at, before - at), _reach(terms, at, after - at))
         off = (most + least) / 2 + (most - least) / 2 * nodes
         psi.append(at + off)
-        log_p.append(own - max(height) + _below(terms, at, off))
+        log_p.append(own - max(height) + _log_ratio(terms, at, off))
         width.append(node_weights * (most - least))
     angles, p = np.concatenate(psi), np.concatenate(width) * np.exp(np.concatenate(log_p))
     p /= p.sum()
@@ -236,9 +251,9 @@ def _of_peaks(terms: np.ndarray, answer: float | None) -> tuple[complex, float]:
 
 
 def _extremes(terms: np.ndarray) -> np.ndarray:
-    """Where log p is level, rad, in order: the roots on the unit circle of its slope's polynomial
-    of order four in exp(i psi). Those between which it changes by no more than some units are one:
-    a flat peak has three."""
+    """Angles at which log p is stationary, rad, ascending: the roots on the unit circle of its
+    derivative, a polynomial of order four in exp(i psi). Roots between which log p changes by no
+    more than some units count as one: a flat peak has three."""
     size = np.abs(terms).max()
     near = (30.0 / size) ** (1 / 3) + 2e-5
     x, y, x2, y2 = terms / size
@@ -251,8 +266,8 @@ def _extremes(terms: np.ndarray) -> np.ndarray:
 
 
 def _maxima(terms: np.ndarray) -> list[tuple[float, float, float]]:
-    """The maxima of log p, rad, each between the minima before and after it: there are two of
-    each at most."""
+    """The maxima of log p, each as (minimum before it, maximum, minimum after it), rad. There are
+    two at most."""
     at = _extremes(terms)
     height = _waves(at).T @ terms
     tops = np.flatnonzero((height >= np.roll(height, 1)) & (height >= np.roll(height, -1)))
@@ -265,15 +280,17 @@ def _maxima(terms: np.ndarray) -> list[tuple[float, float, float]]:
 
 
 def _reach(terms: np.ndarray, at: float, room: float) -> float:
-    """How far from a maximum p is above exp(-30) of its top, rad, within this room on one side."""
+    """Distance from a maximum, rad, up to which p is above exp(-30) of its top, and at most |room|;
+    room : rad, signed, from the maximum to the minimum on the side that is asked for."""
     far = abs(room) * 2.0 ** -np.arange(60)
-    beyond = far[_below(terms, at, np.sign(room) * far) < -_FAR]
+    beyond = far[_log_ratio(terms, at, np.sign(room) * far) < -_FAR]
     return float(beyond.min(initial=abs(room)))
 
 
-def _below(terms: np.ndarray, at: np.ndarray | float, off: np.ndarray) -> np.ndarray:
-    """log p over that at an angle, rad, so far from it: without the digits that large terms share,
-    cos(a + t) - cos(a) = -sin(a) sin(t) - 2 cos(a) sin(t/2)^2. terms : (4, *S); at, off : *S."""
+def _log_ratio(terms: np.ndarray, at: np.ndarray | float, off: np.ndarray) -> np.ndarray:
+    """log p at the angle at + off less log p at the angle `at`. The difference of large terms is
+    taken without cancellation, by cos(a + t) - cos(a) = -sin(a) sin(t) - 2 cos(a) sin(t/2)^2.
+    terms : (4, *S); at, off : *S, rad."""
     c, s, c2, s2 = _waves(at)
     x, y, x2, y2 = terms
     log_p = (y * c - x * s) * np.sin(off) - 2 * (x * c + y * s) * np.sin(off / 2) ** 2

@@ -1,18 +1,18 @@
-"""Whether a window's means are short enough for what the plate does in it."""
+"""A remark on windows whose means are too long for what the plate does within them."""
 
 import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.estimators.block_means import levelled
 
-_MOST = 0.15
-_ENOUGH = 16  # windows
+_MOST = 0.15  # share of the time that may tell nothing of north without a remark
+_ENOUGH = 16  # windows that are looked at
 
 
 def note(windows: Windows, sample_s: float | None = None) -> str | None:
-    """What to say of windows in which 15% or more of the time tells nothing of north, since it
-    lies in means in which the plate starts, stops or slews; None of others. sample_s : the sensor's
-    own interval, where the windows hold means."""
+    """The remark on windows in which 15% or more of the time tells nothing of north, because it
+    lies in means during which the plate starts, stops or slews; None for other windows.
+    sample_s : the sensor's own interval, where the windows hold means."""
     if not len(windows) or windows.gyro.shape[1] < 2:
         return None
     share, interval = [], 0.0

@@ -1,18 +1,19 @@
-"""What a sensor's errors make of means in the body's axes, on a plate whose base may lean.
+"""The effect of a sensor's errors on means in the body's axes, on a plate whose base may lean.
 
 The data of a window are six channels, gyros and accelerometers forward, right and down, means over
-the parts of a course (see lbgc.estimators.block_means). With theta the plate's angle, L from the
-base's axes to level ones and u a vector in level axes that look where the base looks,
+the parts of a course (see lbgc.estimators.block_means). With theta the plate's angle, L the
+rotation from the base's axes to level ones, and u a vector in level axes whose forward axis is the
+base's heading,
 
     vector felt = Rz(theta)' L' u,    u = (Omega cos(lat) q_1, -Omega cos(lat) q_2, -Omega sin(lat))
                                       or (0, 0, -g)
 
-and the plate's rate besides, about down. What evolves within a recording is independent from
-channel to channel and knows nothing of headings or leans: one covariance a channel. All else is
-some number, drawn once, times a pattern that is known: 1, cos theta, sin theta, the plate's rate
-and its square, and these times the warming up so far. So a cause of errors (a bias, a scale factor,
-a misalignment, g-sensitivity, the level's error, the latitude's) is a few coefficients of patterns,
-and only those depend on how the base leans.
+and the plate's rate about down besides. Noise that evolves within a recording is independent from
+channel to channel and depends on neither heading nor lean: it has one covariance a channel. Every
+other error is a number that is drawn once, times a known pattern: 1, cos theta, sin theta, the
+plate's rate and its square, and the first four times the warming up so far. So each cause of errors
+(a bias, a scale factor, a misalignment, g-sensitivity, the level's error, the latitude's) is a few
+coefficients of patterns, and only these coefficients depend on how the base leans.
 """
 
 from collections.abc import Iterator
@@ -32,21 +33,24 @@ PATTERNS = 9
 ONE, COS, SIN, RATE, SQUARE, WARM = range(6)
 """The patterns' numbers; from WARM on, warming up times the first four."""
 _LEVER_M = 0.3
+"""m, 1 sigma of either horizontal component of the accelerometers' lever arm from the hinge."""
 _LATITUDE = np.deg2rad(0.01)
+"""rad, 1 sigma of the stated latitude: a kilometre."""
 _GRAVITY = 1e-3
-"""1 sigma: a kilometre of latitude; relative, of gravity, some kilometres of height."""
+"""Relative 1 sigma of gravity: some kilometres of height."""
 ANY_TILT = 0.2
-"""rad: as good as nothing known beside the accelerometers."""
+"""rad, 1 sigma of the level's error: so large that the accelerometers alone tell the level."""
 ANY_BIAS = 1e-2
-"""rad/s, of a gyro of which nothing is known."""
+"""rad/s, 1 sigma of the bias of a gyro of which nothing is known."""
 _SLEW = 100.0
-"""m/s^2"""
+"""m/s^2, 1 sigma of the specific force during a slew: so large that it tells nothing."""
 _LEAST = (1e-12, 1e-9)
-"""rad/s and m/s^2: sensors without any error have no covariance to invert; far below all others."""
+"""rad/s and m/s^2, noise far below any sensor's: the covariance of a sensor without any error could
+not be inverted."""
 
 
 def patterns(imu: ImuModel, course: Course) -> np.ndarray:
-    """Means over the parts, (n, PATTERNS); see the module."""
+    """Means of the nine patterns over a course's parts, (n, PATTERNS); see the module."""
     n = len(course.blocks)
     first = [np.ones(n), course.c, course.s, np.array(course.rate)]
     warmth = np.zeros(n)
@@ -58,8 +62,8 @@ def patterns(imu: ImuModel, course: Course) -> np.ndarray:
 
 
 def felt_of(base: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """A vector u (3,) of the level axes as the body's three channels feel it, by patterns: (G, 3,
-    PATTERNS). base : (G, 3, 3), L."""
+    """Coefficients of patterns, (G, 3, PATTERNS), of what the body's three axes feel of a vector u,
+    (3,), that is constant in level axes. base : (G, 3, 3), L."""
     b = np.swapaxes(base, 1, 2) @ u
     found = np.zeros((len(base), 3, PATTERNS))
     found[:, 0, COS], found[:, 0, SIN] = b[:, 0], b[:, 1]
@@ -68,8 +72,9 @@ def felt_of(base: np.ndarray, u: np.ndarray) -> np.ndarray:
     return found
 
 
-def _on(rows: slice, coefficients: np.ndarray) -> np.ndarray:
-    """(G, 3, PATTERNS) as that of all channels, (G, CHANNELS, PATTERNS)."""
+def _on_channels(rows: slice, coefficients: np.ndarray) -> np.ndarray:
+    """Coefficients of one triad, (G, 3, PATTERNS), in the rows of all channels that are its own,
+    (G, CHANNELS, PATTERNS); zero in the others."""
     found = np.zeros((len(coefficients), CHANNELS, PATTERNS))
     found[:, rows] = coefficients
     return found
@@ -80,18 +85,20 @@ GYRO, ACCEL = slice(0, 3), slice(3, 6)
 
 @dataclass(frozen=True)
 class Signal:
-    """What is felt without errors, by patterns; each (G, CHANNELS, PATTERNS)."""
+    """What an IMU without errors feels, as coefficients of patterns, each (G, CHANNELS, PATTERNS),
+    in rad/s and m/s^2."""
 
     q: tuple[np.ndarray, np.ndarray]
-    """What is felt of cos psi and of sin psi"""
+    """The factor of cos psi and that of sin psi"""
     known: np.ndarray
-    """What is felt whatever the heading"""
+    """The part that does not depend on the heading: Earth's vertical rate, and gravity"""
     tilt: tuple[np.ndarray, np.ndarray]
-    """What is felt of an error of the level about level axes forward and right, by the rad. What
-    Earth's horizontal rate makes of it is left out: it is vertical, and hardly felt"""
+    """The factors, by the rad, of an error of the level about the level axes forward and right. The
+    share of Earth's horizontal rate is left out: it is vertical, and hardly felt"""
 
 
 def signal(base: np.ndarray, site: Site) -> Signal:
+    """The error-free signal at a site, on G bases whose attitudes L are base, (G, 3, 3)."""
     north, down, g = site.north, site.down, site.gravity
 
     def both(rate: tuple[float, float, float], force: tuple[float, float, float]) -> np.ndarray:
@@ -106,58 +113,67 @@ def signal(base: np.ndarray, site: Site) -> Signal:
 
 
 def causes(imu: ImuModel, base: np.ndarray, site: Site) -> dict[str, np.ndarray]:
-    """What is drawn once and known but for its size, times 1 sigma, by patterns: by name (G, r,
-    CHANNELS, PATTERNS). base : (G, 3, 3)."""
+    """Errors that are drawn once, by the name of their cause: coefficients of patterns times 1
+    sigma, (G, r, CHANNELS, PATTERNS), of r independent errors each. base : (G, 3, 3), L."""
     earth = signal(base, site)
     force = earth.known[:, ACCEL]
     turning = np.zeros_like(force)
     turning[:, 2, RATE] = 1.0
-    horizontal = [part[:, GYRO] / np.sqrt(2) for part in earth.q]  # squared, averaged over headings
+    horizontal = [part[:, GYRO] / np.sqrt(2) for part in earth.q]  # RMS over headings
     rates = [*horizontal, earth.known[:, GYRO] + turning]
-    levers = [_channel(axis, _one(len(base), SQUARE, _LEVER_M)) for axis in (0, 1)]
+    levers = [_on_axis(axis, _single(len(base), SQUARE, _LEVER_M)) for axis in (0, 1)]
     one = np.zeros_like(force)
     one[..., ONE] = 1.0
+    north, east, down = imu.field_ned
+    level = float(np.hypot(north, east))
+    each_way = [(level, 0.0, 0.0), (0.0, -level, 0.0)]  # of cos and sin of its angle to the base
+    fields = [felt_of(base, np.array(u)) / np.sqrt(2) for u in each_way]
+    fields.append(felt_of(base, np.array([0.0, 0.0, down])))
     found: dict[str, list[np.ndarray]] = {}
     for rows, triad, truths, own in (
         (GYRO, imu.gyro, rates, ""),
         (ACCEL, imu.accel, [force], "accelerometer "),
     ):
-        felt = {errors.ONE: [one], errors.TRUTH: truths, errors.FORCE: [force, *levers]}
+        felt = {errors.ONE: [one], errors.TRUTH: truths, errors.FORCE: [force, *levers],
+                errors.FIELD: fields}  # fmt: skip
         for error in triad.drawn:
             each = found.setdefault(own + error.cause, [])
             for axis, c in (one for part in felt[error.follows] for one in error.along(part)):
                 warmed = np.pad(c[:, :SQUARE], ((0, 0), (WARM, 0))) if error.warms else c
-                each.append(_on(rows, _channel(axis, warmed)))
-    found["accelerometer lever arm"] = [_on(ACCEL, lever) for lever in levers]
-    found["gravity"] = [_GRAVITY * _on(ACCEL, force)]
+                each.append(_on_channels(rows, _on_axis(axis, warmed)))
+    found["accelerometer lever arm"] = [_on_channels(ACCEL, lever) for lever in levers]
+    found["gravity"] = [_GRAVITY * _on_channels(ACCEL, force)]
     vertical = felt_of(base, np.array([0.0, 0.0, -site.north * _LATITUDE]))
-    found["latitude"] = [_on(GYRO, vertical)]
+    found["latitude"] = [_on_channels(GYRO, vertical)]
     stacked = {name: np.stack(each, axis=1) for name, each in found.items() if each}
     return {name: c[:, c.any(axis=(0, 2, 3))] for name, c in stacked.items() if c.any()}
 
 
-def _one(count: int, pattern: int, size: float) -> np.ndarray:
+def _single(count: int, pattern: int, size: float) -> np.ndarray:
+    """Coefficients, (count, PATTERNS), that are `size` at one pattern and zero elsewhere."""
     found = np.zeros((count, PATTERNS))
     found[:, pattern] = size
     return found
 
 
-def _channel(axis: int, coefficients: np.ndarray) -> np.ndarray:
-    """(G, PATTERNS) as that of one of three channels, (G, 3, PATTERNS)."""
+def _on_axis(axis: int, coefficients: np.ndarray) -> np.ndarray:
+    """Coefficients, (G, PATTERNS), in the row of one axis of a triad, (G, 3, PATTERNS); zero in the
+    other rows."""
     found = np.zeros((len(coefficients), 3, PATTERNS))
     found[:, axis] = coefficients
     return found
 
 
 def free_bias() -> np.ndarray:
-    """A constant of any size on each gyro, (1, 3, CHANNELS, PATTERNS)."""
-    each = [_on(GYRO, _channel(axis, _one(1, ONE, ANY_BIAS))) for axis in range(3)]
+    """A bias of unknown size on each gyro, as coefficients of patterns times ANY_BIAS, (1, 3,
+    CHANNELS, PATTERNS)."""
+    each = [_on_channels(GYRO, _on_axis(axis, _single(1, ONE, ANY_BIAS))) for axis in range(3)]
     return np.stack(each, axis=1)
 
 
 def within(imu: ImuModel, course: Course) -> dict[str, np.ndarray]:
-    """Covariance of what evolves within a recording, by name (CHANNELS, n, n), (rad/s)^2 and
-    (m/s^2)^2: the channels are independent of each other."""
+    """Covariance of the noise that evolves within a recording, by the name of its cause: (CHANNELS,
+    n, n), (rad/s)^2 and (m/s^2)^2. The channels are independent of each other."""
     n = len(course.blocks)
     found: dict[str, np.ndarray] = {}
     for name, channel, covariance in _within(imu, course):
@@ -167,24 +183,25 @@ def within(imu: ImuModel, course: Course) -> dict[str, np.ndarray]:
 
 
 def _within(imu: ImuModel, course: Course) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Name, channel and covariance (n, n), one after the other."""
+    """What `within` sums, one by one: name of the cause, channel, covariance (n, n). Beside the
+    sensor's terms these are the encoder's error and, during slews, the unknown specific force."""
     for first, triad in ((0, imu.gyro), (3, imu.accel)):
         for axis in range(3):
             for term in triad.in_run(axis, imu.dt):
-                yield term.cause, first + axis, _of_term(term, course)
+                yield term.cause, first + axis, _parts_covariance(term, course)
     misread = ENCODER * course.encoder_errors()
     yield "encoder", 2, misread @ misread.T
     unsure = np.diag(np.square(EARTH_RATE * np.array(course.unsure)))
     yield from (("encoder", channel, unsure) for channel in (0, 1))
-    if course.slewing.any():  # what an accelerometer feels there is the slew's
+    if course.slewing.any():  # accelerometers feel the slew's own acceleration there
         for channel in (3, 4, 5):
             yield "slews", channel, np.diag(np.where(course.slewing, _SLEW**2, 0.0))
 
 
 @lru_cache(maxsize=16)
 def timeless(imu: ImuModel) -> bool:
-    """Whether its errors in a window have the same law whenever the recording began: nothing warms
-    up, and no term's state spreads as time goes on."""
+    """Whether the law of the sensor's errors in a window is the same whenever the recording began:
+    nothing warms up, and no term's variance grows with time."""
     triads = (imu.gyro, imu.accel)
     if imu.warming.rise_k != 0 and any(e.warms and e.sigma.any() for t in triads for e in t.drawn):
         return False
@@ -194,13 +211,14 @@ def timeless(imu: ImuModel) -> bool:
 
 
 @lru_cache(maxsize=16)  # as many as one course's axes share; each may have half a megabyte
-def _of_term(term: InRun, course: Course) -> np.ndarray:
+def _parts_covariance(term: InRun, course: Course) -> np.ndarray:
+    """Covariance, (n, n), of one term's means over the parts."""
     whole = term.covariance_of_means(course.count, course.interval, 1, course.start)
     return _averaged(whole, course)
 
 
 def _averaged(covariance: np.ndarray, course: Course) -> np.ndarray:
-    """Covariance of the parts' means, (n, n), from that of all blocks."""
+    """Covariance of the parts' means, (n, n), from that of the blocks' means, (count, count)."""
     if not course.slewing.any():
         return covariance[np.ix_(course.blocks, course.blocks)]
     A = course.averaged()
@@ -209,7 +227,7 @@ def _averaged(covariance: np.ndarray, course: Course) -> np.ndarray:
 
 @lru_cache(maxsize=32)  # megabytes each
 def factors(imu: ImuModel, course: Course) -> np.ndarray:
-    """Cholesky factors of the channels' covariance, lower, (CHANNELS, n, n)."""
+    """Lower Cholesky factors of each channel's covariance of in-run noise, (CHANNELS, n, n)."""
     total = np.repeat(np.square(_LEAST), 3)[:, None, None] * np.eye(len(course.blocks))
     for _, channel, covariance in _within(imu, course):
         total[channel] += covariance

@@ -1,4 +1,4 @@
-"""What every north-finder answers, and how it is called."""
+"""The interface of all estimators of north: how one is called, and what it answers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from lbgc.sensor.imu import ImuModel
 
 @dataclass(frozen=True)
 class Estimate:
-    """What an estimator answers to W windows."""
+    """An estimator's answer to W windows: the headings and their standard deviations."""
 
     heading: np.ndarray
     """(W,), rad in (-pi, pi], when the encoder reads zero"""
@@ -21,15 +21,15 @@ class Estimate:
     """(W,), rad, the heading's standard deviation as the estimator itself states it; NaN where it
     cannot say"""
     at_least: bool = False
-    """Whether sigma is a lower bound: it knows what a window's own scatter shows, and no more of
-    the sensor. A bias shows in no window."""
+    """Whether sigma is a lower bound: the estimator knew the scatter within each window and no more
+    of the sensor, and no window shows a bias."""
 
 
 Estimator: TypeAlias = Callable[[Windows, ImuModel | None], Estimate]
-"""Windows and, where it is known, what their sensor is like. Each window is answered from its own
-row alone. Raises InputError where the windows are none that it can answer."""
+"""A function of windows and of their sensor's model, None where that is not known. It answers each
+window from its own row alone, and raises InputError at windows that it cannot answer."""
 
 
 def refusal(name: str, value: object, unit: str, why: str) -> InputError:
-    """What an estimator raises at windows that it cannot answer."""
+    """The InputError that an estimator raises at windows that it cannot answer."""
     return InputError(f"estimator '{name}'", value, unit, why)

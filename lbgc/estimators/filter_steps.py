@@ -1,5 +1,8 @@
-"""Windows as a filter takes them: steps of some samples, over which gyros carry the body's axes and
-accelerometers push it, and in which the plate rests, turns evenly, or does neither."""
+"""The steps in which a Kalman filter goes through windows.
+
+A step is some samples. Over it the gyros are integrated to a rotation and the accelerometers to a
+velocity, and the plate rests, turns evenly, or does neither.
+"""
 
 from dataclasses import dataclass
 
@@ -13,40 +16,43 @@ from lbgc.frames import rotation_matrix, rotation_z
 from lbgc.sensor.imu import ImuModel
 
 _CREEPS = np.deg2rad(0.05)
-"""rad/s: a plate on a moving base is never quite at rest to its encoder."""
+"""rad/s, below which a plate counts as resting on a moving base, where its encoder never shows it
+quite at rest."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Windows as the filter takes them, n steps each."""
+    """W windows in n steps each."""
 
     interval: float
+    """s, duration of a step"""
     turned: np.ndarray
-    """(W, n, 3, 3): from the body at a step's end to the body at its start"""
+    """(W, n, 3, 3): rotation from the body's axes at a step's end to those at its start"""
     push: np.ndarray
     """(W, n, 3), m/s: the integral of specific force in the body's axes at the step's start"""
     mean_push: np.ndarray
-    """(W, n, 3), m/s: the mean within the step of that integral so far, or its end once more"""
+    """(W, n, 3), m/s: the mean over the step's samples of that integral up to each of them; on a
+    base that rests, the integral up to the step's end"""
     mean_time: float
-    """s, likewise of the time since the step's start"""
+    """s, time since the step's start to which `mean_push` belongs"""
     rate: np.ndarray
-    """(W, n, 3), rad/s, mean"""
+    """(W, n, 3), rad/s, mean over the step"""
     force: np.ndarray
-    """(W, n, 3), m/s^2, mean"""
+    """(W, n, 3), m/s^2, mean over the step"""
     angle: np.ndarray
     """(W, n), rad, of the plate at the step's middle"""
     half: np.ndarray
-    """(W, n), rad, what it turns by in half a step, if evenly"""
+    """(W, n), rad, angle by which the plate turns in half a step, if it turns evenly"""
     even: np.ndarray
     """bool (W, n): the plate rests, or turns evenly on a carousel"""
     rests: np.ndarray
-    """bool (W, n)"""
+    """bool (W, n): the plate rests; false throughout where the base is taken to move"""
 
 
 def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: str) -> Steps:
-    """Steps of `size` samples each; what is left over at the end is cut.
+    """Windows in steps of `size` samples each; samples left over at the end are dropped.
 
-    moving : whether the base is taken to; name : the estimator's. Raises InputError where the
+    moving : whether the base is taken to move; name : the estimator's. Raises InputError where the
     plate never rests or turns evenly.
     """
     w, n, dt = len(windows), windows.gyro.shape[1] // size, 1 / windows.rate_hz
@@ -75,13 +81,14 @@ def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: st
     half = np.gradient(angle, axis=1) / 2 if n > 1 else np.zeros((w, 1))
     half[rests] = 0.0
     means = gyro.mean(axis=2), accel.mean(axis=2)
-    # counts and fast sways scatter a velocity's samples far more than their mean
+    # Rounding to counts and fast sways scatter single samples of velocity far more than their mean.
     mean_push, mean_time = (total / size, (size + 1) / 2 * dt) if moving else (push, size * dt)
     return Steps(size * dt, turned, push, mean_push, mean_time, *means, angle, half, even, rests)
 
 
 def _even(angle: np.ndarray, interval: float) -> np.ndarray:
-    """Where a plate on a moving base rests, or turns evenly if it does so most of the time."""
+    """In which steps a plate on a moving base is steady, bool (n,): those in which it turns evenly
+    if these are most, else those in which it rests. angle : (n,), rad; interval : s."""
     rate = np.gradient(angle, interval) if len(angle) > 1 else np.zeros(1)
     rests = np.abs(rate) < _CREEPS
     turns = ~rests & (np.abs(np.gradient(rate)) < _CREEPS)
@@ -89,16 +96,17 @@ def _even(angle: np.ndarray, interval: float) -> np.ndarray:
 
 
 def coarse(steps: Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The base's attitude in n', (W, 3, 3), by the mean force in its own axes; the body's at the
-    start of the first even step, (W, 3, 3); and which step that is, (W,)."""
+    """The base's attitude, (W, 3, 3), by the mean force in its own axes; the body's attitude at the
+    start of the first even step, (W, 3, 3); and the number of that step, (W,). Attitudes are
+    relative to n', the level axes of lbgc.estimators.kalman."""
     row, first = np.arange(len(steps.even)), np.argmax(steps.even, axis=1)
     base = tilt_of(steps.angle, steps.force)
     return base, base @ rotation_z((steps.angle - steps.half)[row, first]), first
 
 
 def sway(steps: Steps, name: str) -> np.ndarray:
-    """Variance of the velocity, (W,), (m/s)^2, as ZUPT is to take it, the accelerometers' noise in
-    it: see lbgc.estimators.sway_noise."""
+    """Variance of the velocity, (W,), (m/s)^2, that zero-velocity updates are to assume on a base
+    that sways, the accelerometers' noise included: see lbgc.estimators.sway_noise."""
     _, c_nb, first = coarse(steps)
     w, n = steps.angle.shape
     velocity, at = np.empty((w, n, 3)), np.zeros((w, 3))
@@ -108,15 +116,18 @@ def sway(steps: Steps, name: str) -> np.ndarray:
         c_nb = np.where((k < first)[:, None, None], c_nb, c_nb @ steps.turned[:, k])
     noise = np.empty(w)
     for row in range(w):
-        columns, g = _drifts(steps, row, name)
+        columns, g = _undisturbed_velocities(steps, row, name)
         noise[row] = velocity_noise(velocity[row, :, :2], columns, g)
     return noise
 
 
-def _drifts(steps: Steps, row: int, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """What a velocity can be, from rest to rest, without a sway: a constant, a tilt's share, a
-    rate's, and on a carousel an accelerometer's bias, (n, p); and the rates' share alone, that
-    north looks like, orthonormal, (n, p')."""
+def _undisturbed_velocities(steps: Steps, row: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Courses that a velocity can take in time without a sway, and those that north causes.
+
+    The first, (n, p), are for each stretch of even steps a constant, a line (a tilt) and a parabola
+    (a rate), and on a carousel the plate's cosine and sine (an accelerometer's bias). The second,
+    (n, p'), orthonormal, are the rates' alone, which an error of north resembles.
+    """
     even = steps.even[row]
     part = np.cumsum(np.diff(even, prepend=False) & even)
     columns, of_rate = [], []

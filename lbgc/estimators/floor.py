@@ -8,9 +8,10 @@ Two bounds, both of the Gaussian model that `lbgc.estimators.posterior` states:
   posterior). Its RMSE on a set of windows is the least that any estimator can have on windows drawn
   by that model, and "over the floor" means over this, on the same windows.
 
-Both are of everything that gyros and accelerometers say: rests, steady motion, and each slew from
-rest to rest, in which the plate's known angle tells what misalignment and scale factor make of it.
-The base may lean: the latitude and the vertical gyro say what of Earth's vertical rate that brings.
+Both use everything that gyros and accelerometers say: rests, steady motion, and each slew from rest
+to rest, whose known angle shows the effect of misalignment and scale factor. The base may lean: the
+latitude and the vertical gyro tell how much of Earth's vertical rate that adds to the horizontal
+gyros.
 """
 
 import numpy as np
@@ -31,12 +32,14 @@ from lbgc.sensor.imu import ImuModel
 HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 """rad, over which errors are averaged."""
 DRAWS = 3000
+"""Number of draws of a heading and its data in `expected_floor`."""
 SETTLE_S = 1.6
-"""s, that the servo of sim/ takes to bring the plate to rest after a slew."""
+"""Time that the servo of sim/ takes to bring the plate to rest after a slew, s."""
 
 
 def white_crlb(N: float, latitude: float, duration_s: float) -> float:
-    """1 sigma, rad, of white rate noise alone: N/(Omega cos(lat) sqrt(T)), the paper's case.
+    """Least standard deviation of the heading, rad, under white rate noise alone:
+    N/(Omega cos(lat) sqrt(T)), the paper's case.
 
     N : rad/sqrt(s); latitude : rad.
     """
@@ -44,17 +47,18 @@ def white_crlb(N: float, latitude: float, duration_s: float) -> float:
 
 
 def crlb(told: Information) -> float:
-    """RMS over headings of the least standard deviation, rad; NaN above 6 degrees."""
+    """The van Trees bound: RMS over headings of the least standard deviation, rad; NaN above 6
+    degrees."""
     rms = float(np.sqrt(small_errors(told)))
     return rms if rms < AS_LENGTHS else float("nan")
 
 
 def expected_floor(told: Information, draws: int = DRAWS) -> float:
-    """RMSE that the Bayes-optimal estimator is to be expected to have, rad: over headings and over
-    the law of h, Normal(J q, J), which is all that the data tell. Seeded, to about 1%.
+    """Expected RMSE of the Bayes-optimal estimator, rad, over headings and over the law of h,
+    Normal(J q, J), which is all that the data tell. By seeded draws, to about 1%.
 
-    Small errors are nearly n'(h - J q)/(n' J n), whose mean square is known: their difference has
-    far less spread than they have.
+    Small errors are nearly n'(h - J q)/(n' J n), whose mean square is known. So only the difference
+    between the two is averaged over draws, which scatters far less.
     """
     rng = streams.figures()
     psi = rng.uniform(-np.pi, np.pi, draws)
@@ -71,15 +75,15 @@ def expected_floor(told: Information, draws: int = DRAWS) -> float:
 
 
 def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """The Bayes-optimal estimate of windows, from the block means of at most 240 blocks at rest or
-    in steady motion. What is known of the sensor is taken out of both (`ImuModel.without`).
+    """The Bayes-optimal estimate of windows, from the means of at most 240 blocks at rest or in
+    steady motion. What is known of the sensor is taken out of both (`ImuModel.without`).
 
-    Slews are told by their means from rest to rest, and where these fit the sensor's model. The
-    plate's axis is taken as true: one that wobbles by some arcseconds turns the slews' rates by
-    less than is caught, and costs a tenth of the accuracy where there are many slews.
+    Slews enter by their means from rest to rest, where these fit the sensor's model. The plate's
+    axis is taken as true: one that wobbles by some arcseconds turns the slews' rates by less than
+    the check of that fit catches, and costs a tenth of the accuracy where there are many slews.
 
     Raises InputError where a window's data scatter far more than the model says: on a base that
-    sways this is the optimum of nothing, and no floor.
+    sways this estimate is not optimal, and no floor.
     """
     model = needs_model("floor", imu)
 
@@ -94,8 +98,12 @@ def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:
 def course_of(
     config: ProtocolConfig, duration_s: float, start_s: float = 0.0, settle_s: float = 0.0
 ) -> Course:
-    """The course of a window that holds the whole protocol; settle_s : what the servo takes to
-    bring the plate to rest after each slew. Raises InputError where the window is too short."""
+    """The course of a window that holds the whole protocol.
+
+    duration_s, start_s : s, the window's length, and its start in the recording; settle_s : s, what
+    the servo takes to bring the plate to rest after each slew. Raises InputError where the window
+    is too short to leave a rest between slews.
+    """
     planned = plan(config, 0, duration_s)
     fine = 40
     interval = duration_s / MOST_BLOCKS
@@ -111,5 +119,6 @@ def course_of(
 
 
 def small_errors(told: Information) -> float:
-    """Mean square over headings of errors that are small against the circle, rad^2."""
+    """Mean square over headings of the heading's error, rad^2, in the limit of errors that are
+    small against the circle."""
     return float(np.mean(told.sigma(HEADINGS) ** 2))

@@ -1,24 +1,23 @@
-"""North from a base that sways: gravity turns with Earth, and an IMU can watch it turn.
+"""Alignment in the inertial frame: north from a base that sways, by gravity's rotation with Earth.
 
-In the frame i that stands still since the window's start (its axes those of n at that instant, and
-its body counterpart b0), with C the attitude of b0 in i,
+The frame i does not rotate, and has the axes of n at the window's start; b0 is the body's
+counterpart. With C the attitude of b0 in i,
 
     C alpha(t) = beta(t) + v(t) - v(0),   alpha = integral of C_b0_b f_b,   beta = -integral of g_i
 
 where C_b0_b follows from the gyros alone and g_i from Earth's rotation. The sway's velocity v stays
-small while beta grows, and bends: its bend is what tells north (Wu et al. 2011, "Optimization-based
-alignment for inertial navigation systems"; Li et al. 2013). C comes from Davenport's matrix, whose
-largest eigenvector is the quaternion of the rotation that fits the two series best.
+small while beta grows, and beta bends: its bend tells north (Wu et al. 2011, "Optimization-based
+alignment for inertial navigation systems"; Li et al. 2013). C comes from Davenport's matrix: the
+eigenvector of its largest eigenvalue is the quaternion of the rotation that fits both series best.
 
-Where a window starts the sway has some velocity v(0), which is as large as all that follow. `oba`
-has it free, which takes each series less its mean; `oba_textbook` has it zero. `oba_interval` fits
-differences over a third of the window instead: no initial velocity there, twice the noise.
+At a window's start the sway has a velocity v(0), which is as large as all that follow. `oba` leaves
+it free, by taking each series less its mean; `oba_textbook` sets it to zero. `oba_interval` fits
+differences over a third of the window instead, which have no initial velocity and twice the noise.
 
 A gyro's bias b turns C_b0_b by psi = A b, A the integral of C_b0_b, and so adds Gamma b to alpha,
 Gamma the integral of [C_b0_b f x] A: to first order a linear unknown (`oba_bias`; Chang et al. 2015
 estimate it along with the attitude). Unless the plate turns, an east bias b bends velocity just as
-a heading error of b/(Omega cos(lat)) does. No window can tell them apart; what is known of the bias
-can.
+a heading error of b/(Omega cos(lat)) does. Only a known size of the bias tells the two apart.
 """
 
 from collections.abc import Callable
@@ -39,23 +38,22 @@ from lbgc.sensor.imu import ImuModel
 _LEAST_SAMPLES = 50
 _PASSES = 3
 _ANY_BIAS = 1e-2
-"""rad/s, of a gyro of which nothing is known."""
+"""rad/s, 1 sigma of the bias of a gyro of which nothing is known."""
 _LEAST_BIAS = 1e-12
 _LEAST_VELOCITY = 1e-9
-"""rad/s and m/s: far below all others, so that nothing is divided by zero."""
+"""rad/s and m/s: far below any sensor's, so that nothing is divided by zero."""
 _LEAST_TURN = np.deg2rad(20.0)
 _ONE_FOR_THE_OTHER = (
     "is not known, and the plate does not turn enough to tell a gyro's bias from north"
 )
-_RANK = 1e-9
-_NO_ANSWER = 1.0
-"""rad"""
+_RANK = 1e-9  # share of the largest singular value below which a direction counts as zero
+_NO_ANSWER = 1.0  # rad, heading's standard deviation from which on a bias hides north
 
 
 @dataclass(frozen=True)
 class _Form:
-    """What is done to both series (W, T, 3) alike before they are fitted: a linear operator along
-    time, and its transpose, (T', 2) -> (T, 2), told T."""
+    """A linear operator along time that is applied to both series (W, T, 3) before they are fitted,
+    and its transpose, (T', 2) -> (T, 2), whose second argument is T."""
 
     of: Callable[[np.ndarray], np.ndarray]
     transpose: Callable[[np.ndarray, int], np.ndarray]
@@ -63,6 +61,8 @@ class _Form:
 
 @dataclass(frozen=True)
 class Series:
+    """The integrals of specific force and of gravity in W windows of T samples."""
+
     alpha: np.ndarray
     """(W, T, 3), m/s, in b0, at the samples' ends"""
     beta: np.ndarray
@@ -79,9 +79,9 @@ class Series:
 def oba(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     """Velocity alignment with the sway's initial velocity free.
 
-    imu : without it sigma is the sway's alone, and on a quiet base too small; see
-    lbgc.estimators.velocity_errors. What of an accelerometer's noise shows in the residuals counts
-    twice: where that is most of what they show, sigma is up to a tenth too large.
+    imu : without it sigma covers the sway alone, and is too small on a quiet base; see
+    lbgc.estimators.velocity_errors. With it, accelerometer noise that the residuals show counts
+    twice: where it is most of the residuals, sigma is up to a tenth too large.
     """
     return _align("oba", windows, imu, _CENTRED)
 
@@ -98,10 +98,10 @@ def oba_interval(windows: Windows, imu: ImuModel | None = None) -> Estimate:
 
 
 def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """Velocity alignment with a constant bias of each gyro unknown too, as large as the sensor's
-    model says; of any size where that is not known. The sway's initial velocity is free.
+    """Velocity alignment that estimates each gyro's constant bias too, with the 1 sigma of the
+    sensor's model, or of any size where that is not known. The sway's initial velocity is free.
 
-    Raises InputError where the sensor is not known and no plate turns enough to tell its bias.
+    Raises InputError where the sensor is not known and the plate does not turn enough to tell it.
     """
     name = "oba_bias"
     _check(name, windows)
@@ -115,11 +115,11 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
     for again in range(_PASSES):
         if again:
             series = integrate(replace(windows, gyro=windows.gyro - bias[:, None]))
-        of_bias = np.einsum("wij,wnjk->wnik", c_ib0, _of_bias(windows, series))[:, :, :2]
+        of_bias = np.einsum("wij,wnjk->wnik", c_ib0, _bias_response(windows, series))[:, :, :2]
         left = (series.beta - np.einsum("wij,wtj->wti", c_ib0, series.alpha))[..., :2]
         every = list(zip(series.beta, left, of_bias, size, bias, strict=True))
         if not again:
-            noise = np.array([_noise(*own[:4]) for own in every])
+            noise = np.array([_equivalent_noise(*own[:4]) for own in every])
         fits = [
             _fit(*own[:3], bias=own[4], size=own[3], noise=n)
             for own, n in zip(every, noise, strict=True)
@@ -139,16 +139,16 @@ def oba_bias(windows: Windows, imu: ImuModel | None = None) -> Estimate:
 
 
 def _check_turns(name: str, windows: Windows) -> None:
-    """Raise InputError where the encoder shows no turn that could tell a bias from north. The
-    gyros cannot show it: to them a bias is a turn."""
+    """Raise InputError where the encoder shows no turn that could tell a bias from north. Gyros
+    cannot show one: a bias looks like a turn to them."""
     if np.ptp(windows.plate_angle, axis=1).min(initial=np.inf) < _LEAST_TURN:
         raise refusal(name, "imu", "", _ONE_FOR_THE_OTHER)
 
 
 def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.ndarray]:
-    """1 sigma, (W, 3), rad/s, of what stays constant in the gyros: that which no model of the
-    sensor's errors has (on a plate that turns, misalignment towards z is one more bias, and z's
-    scale error), and all of it."""
+    """1 sigma, (W, 3) each, rad/s, of the gyros' constant errors: the part that a turning plate
+    adds (misalignment towards z and z's scale error act as a bias, which velocity_errors lacks),
+    or all where the sensor is not known; and the whole."""
     if imu is None:
         of_any = np.full((len(windows), 3), _ANY_BIAS)
         return of_any, of_any
@@ -161,8 +161,8 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.
     return np.sqrt(turning), np.asarray(every)
 
 
-def _of_bias(windows: Windows, series: Series) -> np.ndarray:
-    """Gamma, (W, T, 3, 3): how alpha moves with the gyros' biases."""
+def _bias_response(windows: Windows, series: Series) -> np.ndarray:
+    """Gamma, (W, T, 3, 3): the derivative of alpha with respect to the gyros' biases."""
     dt = 1 / windows.rate_hz
     before = series.before
     turned = np.cumsum(series.turned + before, axis=1) / 2 * dt
@@ -171,10 +171,12 @@ def _of_bias(windows: Windows, series: Series) -> np.ndarray:
     return np.asarray(np.cumsum(skew(force) @ middle, axis=1) * dt)
 
 
-def _noise(beta: np.ndarray, left: np.ndarray, of_bias: np.ndarray, size: np.ndarray) -> float:
-    """Noise of velocity, 1 sigma, m/s, as white noise by which the heading would err as much: by
-    what is left when biases are free, where the fit itself looks. Arguments as `_fit` takes
-    them."""
+def _equivalent_noise(
+    beta: np.ndarray, left: np.ndarray, of_bias: np.ndarray, size: np.ndarray
+) -> float:
+    """1 sigma, m/s, of the white velocity noise that would give the heading the same error as the
+    sway does. It follows from the residuals with biases free, weighted as the fit weights them.
+    Arguments as for `_fit`."""
     columns = _with_biases(beta, of_bias)
     flat = left.T.ravel()
     basis, values, _ = np.linalg.svd(columns / _lengths(columns), full_matrices=False)
@@ -182,7 +184,7 @@ def _noise(beta: np.ndarray, left: np.ndarray, of_bias: np.ndarray, size: np.nda
     rest = flat - basis @ (basis.T @ flat)
     about = float(np.sqrt(np.sum(rest**2) / (len(flat) - basis.shape[1]))) + _LEAST_VELOCITY
     _, _, g = _fit(beta, left, of_bias, 0 * size, size, about)
-    heard = _of_sway(rest.reshape(1, 2, -1).swapaxes(1, 2), columns, g)[0]
+    heard = _sway_variance(rest.reshape(1, 2, -1).swapaxes(1, 2), columns, g)[0]
     return float(np.sqrt(heard / np.sum(g**2))) + _LEAST_VELOCITY
 
 
@@ -194,12 +196,12 @@ def _fit(
     size: np.ndarray,
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The rotation still missing, (3,), the bias still missing, (3,), and the weights, (T, 2), by
-    which velocity makes the heading.
+    """Least squares for corrections of the rotation, (3,), and of the bias, (3,); and the weights,
+    (T, 2), with which velocity enters the heading.
 
     beta : (T, 3); left : beta less C alpha, (T, 2); of_bias : C Gamma, (T, 2, 3); bias, size :
-    (3,), what was taken off already, and 1 sigma of the whole; noise : m/s. Least squares with the
-    bias's law as three more equations.
+    (3,), the bias taken off already and the 1 sigma of the whole; noise : m/s, 1 sigma. The bias's
+    prior is three more equations.
     """
     n = len(beta)
     columns = _with_biases(beta, of_bias)
@@ -213,7 +215,7 @@ def _fit(
 
 
 def _with_biases(beta: np.ndarray, of_bias: np.ndarray) -> np.ndarray:
-    """Columns as `_regressor_columns`, and how velocity moves with the three biases."""
+    """The columns of `_regressor_columns`, and velocity's derivatives by the three biases."""
     free = _regressor_columns(beta, offsets=True)
     return np.concatenate([free, of_bias.swapaxes(0, 1).reshape(len(free), 3)], axis=1)
 
@@ -227,11 +229,13 @@ def _centred(series: np.ndarray) -> np.ndarray:
 
 
 def _differences(series: np.ndarray) -> np.ndarray:
+    """Differences of a series, (W, T, 3), over a third of the window."""
     lag = series.shape[1] // 3
     return np.asarray(series[:, lag:] - series[:, :-lag])
 
 
 def _undifferenced(weights: np.ndarray, n: int) -> np.ndarray:
+    """The transpose of `_differences` over n samples, applied to weights, (T', 2)."""
     none = np.zeros((n // 3, weights.shape[1]))
     return np.asarray(np.concatenate([none, weights]) - np.concatenate([weights, none]))
 
@@ -246,6 +250,7 @@ _DIFFERENCES = _Form(_differences, _undifferenced)
 
 
 def _check(name: str, windows: Windows) -> None:
+    """Raise InputError where windows cannot be answered, or have fewer than 50 samples."""
     check(name, windows)
     samples = windows.gyro.shape[1]
     if samples < _LEAST_SAMPLES:
@@ -254,6 +259,7 @@ def _check(name: str, windows: Windows) -> None:
 
 
 def _align(name: str, windows: Windows, imu: ImuModel | None, form: _Form) -> Estimate:
+    """The answers of the estimator `name`, which fits the series in this form."""
     _check(name, windows)
     series = integrate(windows)
     c_ib0 = _davenport(form.of(series.alpha), form.of(series.beta))
@@ -263,7 +269,7 @@ def _align(name: str, windows: Windows, imu: ImuModel | None, form: _Form) -> Es
 
 
 def integrate(windows: Windows) -> Series:
-    """Attitude by the samples' rotation vectors, velocity by their forces turned half-way."""
+    """Both series: attitude by the samples' rotation vectors, velocity by forces turned halfway."""
     w, n, dt = len(windows), windows.gyro.shape[1], 1 / windows.rate_hz
     angle = windows.gyro * dt
     # A fifth of the time of lbgc.frames.rotation_matrix, whose last bits do not matter here.
@@ -271,8 +277,7 @@ def integrate(windows: Windows) -> Series:
     turned = np.empty((w, n, 3, 3))
     at = np.broadcast_to(np.eye(3), (w, 3, 3))
     for k in range(n):
-        at = at @ step[:, k]
-        turned[:, k] = at
+        turned[:, k] = at = at @ step[:, k]
     force = windows.accel + np.cross(angle, windows.accel) / 2
     alpha = np.cumsum(np.einsum("wnij,wnj->wni", _before(turned), force), axis=1) * dt
     return Series(alpha, apparent_gravity(windows, n, dt), turned)
@@ -285,8 +290,8 @@ def _before(turned: np.ndarray) -> np.ndarray:
 
 
 def apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:
-    """beta, (W, n, 3): minus the integral of gravity, which turns about Earth's axis by Omega t
-    in i (Rodrigues' formula, integrated)."""
+    """beta, (W, n, 3), m/s: minus the integral of gravity, which turns about Earth's axis by
+    Omega t in i (Rodrigues' formula, integrated). dt : s."""
     t = (np.arange(n) + 1.0) * dt
     beta = np.empty((len(windows), n, 3))
     for latitude in np.unique(windows.latitude):
@@ -304,7 +309,7 @@ def apparent_gravity(windows: Windows, n: int, dt: float) -> np.ndarray:
 
 
 def _davenport(alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """The rotation (W, 3, 3) that fits beta = C alpha best, both (W, T, 3): the eigenvector of
+    """The rotation C, (W, 3, 3), that fits beta = C alpha best, both (W, T, 3): the eigenvector of
     the largest eigenvalue of Davenport's K (Wu et al. 2011, eq. 24; Markley & Mortari 2000)."""
     B = np.einsum("wti,wtj->wij", beta, alpha)
     z = np.stack([B[:, 2, 1] - B[:, 1, 2], B[:, 0, 2] - B[:, 2, 0], B[:, 1, 0] - B[:, 0, 1]], -1)
@@ -317,8 +322,7 @@ def _davenport(alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
 
 
 def _mean_heading(c_ib0: np.ndarray, series: Series, windows: Windows) -> np.ndarray:
-    """Mean heading of the body over the window, less the plate's angle: n turns with Earth in i
-    meanwhile."""
+    """Mean of the body's heading less the plate's angle, (W,), rad; n turns with Earth in i."""
     t = (np.arange(series.turned.shape[1]) + 1.0) / windows.rate_hz
     heading = np.empty(len(windows))
     for latitude in np.unique(windows.latitude):
@@ -334,12 +338,11 @@ def _mean_heading(c_ib0: np.ndarray, series: Series, windows: Windows) -> np.nda
 def _sigma(
     c_ib0: np.ndarray, series: Series, form: _Form, windows: Windows, imu: ImuModel | None
 ) -> np.ndarray:
-    """Standard deviation of the heading, (W,), rad: the sway's share, and where the sensor is known
-    what it errs by.
+    """Standard deviation of the heading, (W,), rad, by the sway and, if known, the sensor's errors.
 
-    A small rotation phi of the fit moves it by phi x beta, so phi is a linear regression and the
-    heading's error is G' D r/(G' G), r the velocity that errs: G the heading's regressor with the
-    tilts' and the offset's share taken out, D the form that was fitted.
+    A small rotation phi moves the fitted series by phi x beta, so phi is a linear regression and
+    the heading's error is G' D r/(G' G), with r the error of velocity, G the heading's regressor
+    less what the tilts and the offset explain of it, and D the form that was fitted.
     """
     left = series.beta - np.einsum("wij,wtj->wti", c_ib0, series.alpha)
     fitted = form.of(series.beta)
@@ -349,7 +352,7 @@ def _sigma(
         G = _regressor(fitted[rows[0]])
         g, size = form.transpose(G, left.shape[1]), np.sum(G**2)
         columns = _regressor_columns(series.beta[rows[0]], offsets=form is not _AS_IT_IS)
-        total[rows] = _of_sway(left[rows], columns, g)
+        total[rows] = _sway_variance(left[rows], columns, g)
         if imu is not None:
             c_ib = c_ib0[rows, None] @ series.turned[rows]
             total[rows] += velocity_errors.variance(windows.rows(rows), imu, c_ib, g[None])
@@ -357,12 +360,12 @@ def _sigma(
     return np.sqrt(total)
 
 
-def _of_sway(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.ndarray:
+def _sway_variance(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.ndarray:
     """Variance of g' r, (W,), (m/s)^2 times the square of g's unit, r the sway's velocity: see
     lbgc.estimators.sway_noise.
 
-    left : (W, T, >= 2), what is left of it; columns : (2 T, p), forward above right, what the fit
-    could explain; g : (T, 2). Forward and right are taken as independent of each other.
+    left : (W, T, >= 2), the fit's residuals, m/s; columns : (2 T, p), forward above right, what the
+    fit could explain; g : (T, 2). Forward and right are taken as independent of each other.
     """
     n = len(g)
     size = -(-n // BLOCKS)
@@ -383,15 +386,14 @@ def _of_sway(left: np.ndarray, columns: np.ndarray, g: np.ndarray) -> np.ndarray
 
 
 def _regressor(beta: np.ndarray) -> np.ndarray:
-    """How the horizontal velocity moves with the heading alone, (T, 2): phi_z x beta with what
-    tilts could explain projected out."""
+    """The heading's regressor, (T, 2): phi_z x beta, horizontal, less what tilts could explain."""
     basis, triangle = np.linalg.qr(_regressor_columns(beta, offsets=False))
     return np.asarray((basis[:, -1] * triangle[-1, -1]).reshape(2, -1).T)
 
 
 def _regressor_columns(beta: np.ndarray, offsets: bool) -> np.ndarray:
-    """How horizontal velocity moves with both tilts, offsets if asked for, and last the heading:
-    (2 T, 3 or 5), forward above right."""
+    """Derivatives of horizontal velocity by both tilts, by offsets if asked for, and last by the
+    heading: (2 T, 3 or 5), forward above right."""
     x, y, z = beta.T
     none, one = np.zeros_like(x), np.ones_like(x)
     others = [(none, -z), (z, none), *([(one, none), (none, one)] if offsets else [])]

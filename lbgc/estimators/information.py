@@ -1,5 +1,5 @@
-"""What means in the body's axes tell of the heading, when every error is Gaussian: what the floor,
-`gls`, the weighted estimators and the bound are made of.
+"""The information on the heading in means in the body's axes, when every error is Gaussian: the
+floor, `gls`, the weighted estimators and the bound are made of it.
 
 With q = (cos psi, sin psi) the data d of the six channels (see lbgc.estimators.error_patterns) are
 
@@ -7,9 +7,10 @@ With q = (cos psi, sin psi) the data d of the six channels (see lbgc.estimators.
 
 t the level's error about the accelerometers' level, of any size, U the causes that are drawn once.
 C is one matrix a channel and the same for all windows of a course; S, T and U are coefficients of
-nine patterns. So each channel's patterns B, whitened by C's factor, are split once: L^-1 B = Q R.
-All that the data tell of q is then in y = Q' L^-1 d, nine figures a channel, and with N = [T U],
-whitened likewise, t and e are taken out by least squares on [N; 1]. What remains are h and J with
+nine patterns. So each channel's patterns B, whitened by C's Cholesky factor L, are split once:
+L^-1 B = Q R. All that the data tell of q is then in y = Q' L^-1 d, nine figures a channel, and with
+N = [T U], whitened likewise, t and e are taken out by least squares on [N; 1]. What remains are the
+information vector h and the information matrix J, with
 
     log p(psi | d) = q' h - q' J q / 2 + constant
 """
@@ -41,40 +42,42 @@ from lbgc.sensor.imu import ImuModel
 LEVEL = np.eye(3)[None]
 _FINE, _COARSE = np.deg2rad(0.02), np.deg2rad(0.1)
 _LEANS = np.deg2rad(0.5)
-"""Leans are told apart by the first step, those below half a degree by the second; what that leaves
-is part of the level's error, which is unknown anyway."""
+"""Leans are rounded to the first step, those below half a degree to the second; what rounding
+leaves is part of the level's error, which is unknown anyway."""
 _CHUNK = 256  # leans at once
-_MANY = 5.0  # standard deviations
-_TWICE, _RARELY = 2.0, 1e-8
+_MANY = 5.0  # standard deviations of chi-square, beyond which slews do not fit
+_TWICE, _RARELY = 2.0, 1e-8  # scatter over the model's, and the chance of a scatter, to refuse at
 
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """A course's patterns under a sensor's in-run noise."""
+    """A course's patterns, whitened by the covariance of a sensor's in-run noise."""
 
     factor: np.ndarray
-    """(CHANNELS, n, n), L"""
+    """(CHANNELS, n, n), L, the lower Cholesky factor of C"""
     Q: np.ndarray
-    """(CHANNELS, n, PATTERNS); columns of zeros where there are fewer parts than patterns"""
+    """(CHANNELS, n, PATTERNS), orthonormal columns; zeros where there are fewer parts than
+    patterns"""
     R: np.ndarray
-    """(CHANNELS, PATTERNS, PATTERNS)"""
+    """(CHANNELS, PATTERNS, PATTERNS), upper triangular"""
     reduce: np.ndarray
     """(CHANNELS, PATTERNS, n), Q' L^-1"""
 
     def told(self, body: np.ndarray) -> np.ndarray:
-        """y of data (V, CHANNELS, n): (V, CHANNELS PATTERNS)."""
+        """The reduced data y, (V, CHANNELS PATTERNS), of data body, (V, CHANNELS, n)."""
         return np.asarray(
             np.einsum("can,vcn->vca", self.reduce, body, optimize=True).reshape(len(body), -1)
         )
 
     def columns(self, coefficients: np.ndarray) -> np.ndarray:
-        """What patterns of these coefficients, (*S, CHANNELS, PATTERNS), make of y:
-        (*S, CHANNELS PATTERNS)."""
+        """The share in y, (*S, CHANNELS PATTERNS), of data that are patterns times these
+        coefficients, (*S, CHANNELS, PATTERNS)."""
         found = np.einsum("cab,...cb->...ca", self.R, coefficients)
         return np.asarray(found.reshape(*found.shape[:-2], -1))
 
     def beside(self, body: np.ndarray) -> np.ndarray:
-        """Sum of squares, (V,), of what no pattern explains of data (V, CHANNELS, n)."""
+        """Sum of squares, (V,), of the whitened data's part that no pattern explains.
+        body : (V, CHANNELS, n)."""
         total = np.zeros(len(body))
         for channel in range(CHANNELS):
             d, Q = body[:, channel].T, self.Q[channel]
@@ -86,6 +89,7 @@ class Whitened:
 
 @lru_cache(maxsize=32)  # megabytes each
 def whitened(imu: ImuModel, course: Course) -> Whitened:
+    """The patterns of a course, whitened by the in-run noise of a sensor; computed once each."""
     factor, B = factors(imu, course), patterns(imu, course)
     n, k = len(B), min(len(B), PATTERNS)
     Q, R = np.zeros((CHANNELS, n, PATTERNS)), np.zeros((CHANNELS, PATTERNS, PATTERNS))
@@ -100,20 +104,20 @@ def whitened(imu: ImuModel, course: Course) -> Whitened:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What data tell of q under G leans of the base: h = weights (y - known), and J."""
+    """The information on q in a course, for G leans of the base: h = weights (y - known), and J."""
 
     J: np.ndarray
-    """(G, 2, 2)"""
+    """(G, 2, 2), the information matrix"""
     weights: np.ndarray
-    """(G, 2, CHANNELS PATTERNS)"""
+    """(G, 2, CHANNELS PATTERNS), by which y less its known part makes h"""
     known: np.ndarray
-    """(G, CHANNELS PATTERNS)"""
+    """(G, CHANNELS PATTERNS), the part of y that does not depend on the heading"""
     taken: np.ndarray
-    """(G, CHANNELS PATTERNS, r), orthonormal: what t and e take out of y"""
+    """(G, CHANNELS PATTERNS, r), orthonormal: the part of y that t and e explain"""
 
     def sigma(self, heading: np.ndarray) -> np.ndarray:
-        """Standard deviation of headings (V,), rad, when errors are small: 1/sqrt(n' J n), n across
-        them; each under its own lean, or all under the one."""
+        """Standard deviation, (V,), rad, of headings, (V,), rad, when errors are small:
+        1/sqrt(n' J n), n = dq/dpsi; each under its own lean, or all under the only one."""
         n = across(heading)
         return np.asarray(1 / np.sqrt(np.sum(np.sum(n[..., None] * self.J, axis=-2) * n, axis=-1)))
 
@@ -121,6 +125,8 @@ class Information:
 def _information(
     imu: ImuModel, course: Course, site: Site, base: np.ndarray, free: bool
 ) -> Information:
+    """The information on q on bases whose attitudes L are base, (G, 3, 3); free : whether each
+    gyro's bias is of unknown size."""
     white, felt = whitened(imu, course), signal(base, site)
     drawn = np.concatenate(list(causes(imu, base, site).values()), axis=1)
     if free:
@@ -148,35 +154,38 @@ def information(
     free_bias: bool = False,
     lean: tuple[float, float] = (0.0, 0.0),
 ) -> Information:
-    """What a whole course tells of q on a base that leans by roll and pitch, rad. free_bias : with
-    a constant of unknown size on each gyro, which is what an estimator assumes that is not told how
-    large a bias can be."""
+    """The information on q in a whole course on a base that leans by roll and pitch, rad.
+
+    free_bias : with a bias of unknown size on each gyro, as an estimator assumes that is not told
+    how large a bias can be.
+    """
     base = euler_to_matrix(*lean, 0.0)[None]
     return _information(imu, course, site, base, free_bias)
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What V windows tell of q."""
+    """What the data of V windows tell of q, and how well the sensor's model fits them."""
 
     h: np.ndarray
-    """(V, 2)"""
+    """(V, 2), the information vectors"""
     J: np.ndarray
-    """(V, 2, 2), or (1, 2, 2) where it is one for all"""
+    """(V, 2, 2), the information matrices, or (1, 2, 2) where one serves all windows"""
     misfit: np.ndarray
     """(V,): mean of the normalised squares that the best q, level and causes leave; 1 where the
     sensor's model is right. NaN where it was not asked for, or no data are left for it"""
 
 
 def told(imu: ImuModel, part: Levelled, free_bias: bool = False, check: bool = False) -> Told:
-    """What windows tell that share a course. check : whether the misfit is asked for."""
+    """What windows that share a course tell of q. free_bias : as for `information`; check : whether
+    the misfit is asked for."""
     white = whitened(imu, part.course)
     leans, which = apart(part.base)
     if len(leans) == 1:
         lean = (float(leans[0, 0]), float(leans[0, 1]))
         every = information(imu, part.course, part.site, free_bias, lean)
     else:
-        every = _of_many(imu, part, leans, free_bias)
+        every = _information_by_lean(imu, part, leans, free_bias)
     y = white.told(part.body) - every.known[which]
     h = np.einsum("via,va->vi", every.weights[which], y)
     J = every.J if len(leans) == 1 else every.J[which]
@@ -191,10 +200,12 @@ def told(imu: ImuModel, part: Levelled, free_bias: bool = False, check: bool = F
 
 
 def fitted(imu: ImuModel, part: Levelled, free_bias: bool = False) -> Told:
-    """What windows tell, each with its slews where they fit the sensor's model. Where they do not
-    (an axis that wobbles, an encoder that lags), that window is told by the other parts alone. Of a
-    sensor that is stated without noise, each window's own scatter is the noise: what the bench does
-    that no sensor's model has."""
+    """What windows tell of q, each with its slews where these fit the sensor's model.
+
+    Where they do not (an axis that wobbles, an encoder that lags), that window's other parts alone
+    are used. For a sensor that is stated without noise, each window's own scatter is taken as the
+    noise: it comes from the bench, which no sensor's model describes.
+    """
     found = _fitted(imu, part, free_bias)
     if not imu.is_noiseless:
         return found
@@ -204,6 +215,8 @@ def fitted(imu: ImuModel, part: Levelled, free_bias: bool = False) -> Told:
 
 
 def _fitted(imu: ImuModel, part: Levelled, free_bias: bool) -> Told:
+    """What windows tell of q, without the slews of those whose slews do not fit the model: these
+    add more to chi-square than its mean, 3 a slew, and five of its standard deviations."""
     every, slews = told(imu, part, free_bias, check=True), part.course.slewing
     if not slews.any() or slews.all():
         return every
@@ -220,10 +233,11 @@ def _fitted(imu: ImuModel, part: Levelled, free_bias: bool) -> Told:
 
 
 def check_fit(name: str, course: Course, misfit: np.ndarray) -> None:
-    """Raise InputError where a window's data scatter far more than the sensor's model says: twice,
-    or where they are few as much as that exceeds once in 1e8. Each window is judged by itself.
+    """Raise InputError where a window's data scatter far more than the sensor's model says: twice
+    in mean square, or, where data are few, by the factor that the model exceeds once in 1e8. Each
+    window is judged by itself.
 
-    name : of the estimator; misfit : (V,), see `Told`.
+    name : the estimator's; misfit : (V,), see `Told`.
     """
     free = degrees(course)
     if free <= 0:
@@ -239,14 +253,15 @@ def check_fit(name: str, course: Course, misfit: np.ndarray) -> None:
 
 
 def degrees(course: Course) -> int:
-    """Data less what is fitted to them: q and the level. Slews' forces are none."""
+    """Degrees of freedom of the misfit: the number of data less those fitted, which are q and the
+    level, two each. Specific forces during slews do not count as data."""
     n, slews = len(course.blocks), int(course.slewing.sum())
     return CHANNELS * n - 3 * slews - 4
 
 
 def apart(base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Leans (G, 2), roll and pitch in rad, that stand for those of bases (V, 3, 3), and which of
-    them for each, (V,)."""
+    """Rounded leans, (G, 2), roll and pitch in rad, that stand for those of bases, (V, 3, 3); and
+    the number of each base's own among them, (V,)."""
     pitch, roll = np.arcsin(-base[:, 2, 0]), np.arctan2(base[:, 2, 1], base[:, 2, 2])
     lean = np.stack([roll, pitch], axis=1)
     step = np.where(np.abs(lean).max(axis=1, keepdims=True) < _LEANS, _COARSE, _FINE)
@@ -254,7 +269,10 @@ def apart(base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return found + 0.0, which.reshape(-1)
 
 
-def _of_many(imu: ImuModel, part: Levelled, leans: np.ndarray, free: bool) -> Information:
+def _information_by_lean(
+    imu: ImuModel, part: Levelled, leans: np.ndarray, free: bool
+) -> Information:
+    """The information under many leans, (G, 2), worked out some at a time to save memory."""
     base = euler_to_matrix(leans[:, 0], leans[:, 1], 0.0)
     some = [
         _information(imu, part.course, part.site, base[i : i + _CHUNK], free)
@@ -267,8 +285,8 @@ def _of_many(imu: ImuModel, part: Levelled, leans: np.ndarray, free: bool) -> In
 def spread_of(
     imu: ImuModel, course: Course, site: Site, weights: np.ndarray, lean: tuple[float, float]
 ) -> np.ndarray:
-    """Covariance, (k, k), of what these weights (k, CHANNELS, n) make of the sensor's errors, on a
-    base that leans by roll and pitch, rad."""
+    """Covariance, (k, k), of k linear forms of the sensor's errors, on a base that leans by roll
+    and pitch, rad. weights : (k, CHANNELS, n), the forms' coefficients of the parts' means."""
     base = euler_to_matrix(*lean, 0.0)[None]
     factor, B = factors(imu, course), patterns(imu, course)
     noise = np.einsum("kcn,cnm->kcm", weights, factor)
@@ -284,10 +302,11 @@ def budget(
     heading: np.ndarray,
     lean: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, float]:
-    """What each cause contributes to the most likely heading's error, rad RMS over headings (V,).
+    """The error budget: each cause's contribution to the error of the most likely heading, rad, RMS
+    over headings, (V,). Contributions below 1e-6 of the largest are left out.
 
-    Small errors are n'(h - J q)/(n' J n), n across the heading, and h - J q is the weights times
-    the causes' errors: their squares add up to the bound's.
+    Small errors are n'(h - J q)/(n' J n), n = dq/dpsi, and h - J q is the weights times the causes'
+    errors: the squares of the contributions add up to the bound's.
     """
     found, white = information(imu, course, site, lean=lean), whitened(imu, course)
     n, size = across(heading), found.sigma(heading) ** 2

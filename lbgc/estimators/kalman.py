@@ -1,36 +1,36 @@
 """Fine alignment by an error-state Kalman filter, from any heading.
 
-The filter works in axes n' that are level, stand still on Earth, and look where the body looked
-when the plate's encoder read zero; how they lie to north is what is sought. With q = (cos psi,
-sin psi) Earth's rate there is linear in q (Scherzinger 1996, "Inertial navigation system error
-models for large heading uncertainty"),
+The filter works in axes n' that are level, fixed to Earth, and have the heading that the body had
+when the plate's encoder read zero; their heading psi is what is sought. With q = (cos psi, sin psi)
+Earth's rate there is linear in q (Scherzinger 1996, "Inertial navigation system error models for
+large heading uncertainty"),
 
     w_ie = Omega (cos(lat) q_1, -cos(lat) q_2, -sin(lat))
 
-so a heading that nobody knows is a q of any size, and the filter stays linear however wrong it
-begins; a small-angle heading error would not. What it has learnt of q at the end, less what it was
-told at the start, is a log-likelihood q' h - q' J q/2, and the circle is put back there (see
-lbgc.estimators.posterior). The other errors are attitude phi (true C = (I + phi x) C), velocity,
-and biases: of each gyro and accelerometer a constant that walks and one Gauss-Markov process (see
-lbgc.estimators.reduced_order), and what a rate about z makes in each gyro: misalignment, and scale
-in z. A sensor that warms up has each gyro's bias by the kelvin besides, times the course of the
-warming.
+so an unknown heading is a q of any size, and the filter stays linear however wrong it begins; with
+a small-angle heading error it would not. The information on q at the end, less that of the prior at
+the start, is a log-likelihood q' h - q' J q/2, which is then put on the circle (see
+lbgc.estimators.posterior). The other states are errors of attitude phi (true C = (I + phi x) C),
+velocity, and biases: of each gyro and accelerometer a constant that walks and one Gauss-Markov
+process (see lbgc.estimators.reduced_order), and each gyro's error by the rate about z: misalignment
+and the scale factor in z. A sensor that warms up has each gyro's bias by the kelvin besides, times
+the temperature's rise.
 
     phi' = -w_ie x phi - C (b_g + m w_z + white) - dw_ie(q)
     v'   = -f x phi - C (b_a + white)
 
 (Shin 2005, "Estimation techniques for low-cost inertial navigation", with v relative to Earth and
-its Coriolis force left out.) The gyros carry C. Velocity is zero while the plate rests or turns
-evenly (ZUPT). While it does so on a base that rests, C goes by its angle, and the gyros say what
-Earth's rate and their biases are (zero angular rate, but for the plate's; its vertical part is
-ZIHR). Were they to carry C there, north on a carousel would come through the accelerometers' noise:
-a third more error than the optimum.
+its Coriolis force left out.) The gyros propagate C. Velocity is zero while the plate rests or turns
+evenly (ZUPT, zero-velocity updates). While it does so on a base that rests, C follows the plate's
+angle, and the gyros measure Earth's rate and their biases (zero angular rate, but for the plate's;
+its vertical part is ZIHR, zero integrated heading rate). If the gyros propagated C there, north on
+a carousel would come through the accelerometers' noise: a third more error than the optimum.
 
-Whether the base rests is asked of the filter: where its innovations are much larger than it
-expects, the window is answered again at 10 Hz or faster, C carried by the gyros throughout, and
-with velocity as noisy as the window shows it to be (see lbgc.estimators.sway_noise). Steps of a
+The filter itself shows whether the base rests: where its innovations are much larger than it
+expects, the window is answered again at 10 Hz or faster, with C propagated by the gyros throughout,
+and with velocity as noisy as the window shows it to be (see lbgc.estimators.sway_noise). Steps of a
 tenth of a second blur a sway of one or two cycles a second: there sigma is too large, by a tenth
-and more (`oba` sees the samples).
+and more (`oba` uses the samples).
 """
 
 from dataclasses import dataclass
@@ -53,28 +53,33 @@ PHI, V, Q, BG, BA, M, WG, WA, T = (
     slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 11), slice(11, 14), slice(14, 17),
     slice(17, 20), slice(20, 23), slice(23, 26),
 )  # fmt: skip
-_STATES = 23  # T besides, of a sensor that warms up
+"""States: attitude, velocity, q, gyro and accelerometer biases, each gyro's error by the rate about
+z, Gauss-Markov parts of gyros and accelerometers, gyro biases by the kelvin."""
+_STATES = 23  # without T, which only a sensor that warms up has
 _MOST_STEPS = 240
 _FAST_HZ = 10.0
 _SLOWEST_HZ = 5.0
 _LEAST_SAMPLES = 10
-_CHUNK = 256
+_CHUNK = 256  # windows at once
 _LEVER_M = 0.3
 _Q_SIGMA = 10.0
 _TILT_SIGMA = np.deg2rad(2.0)
 _SHAKEN = 1.0
-"""m/s: while the plate speeds up, an unknown lever arm makes velocities that nobody follows."""
+"""m/s, 1 sigma added to velocity in steps in which the plate is not steady: while it speeds up, an
+unknown lever arm causes velocities that the filter cannot follow."""
 _ENCODER = np.deg2rad(0.01)
 _STILL = 1e-5
-"""m/s, of a base that rests."""
+"""m/s, 1 sigma of the velocity of a base that rests."""
 _MOVES = 2.0
 """Mean of normalised squared innovations above which the base is taken to move."""
 
 
 def ekf(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """Error-state Kalman filter; see the module. It needs the sensor's model, takes any tilt and
-    any plate that rests or turns evenly for some of the window, and on a base that moves answers
-    the mean heading over the window."""
+    """Fine alignment by an error-state Kalman filter; see the module.
+
+    It needs the sensor's model, and takes any tilt and any plate that rests or turns evenly for
+    some of the window. On a base that moves it answers the mean heading over the window.
+    """
     model = needs_model("ekf", imu)
     check("ekf", windows)
     samples = windows.gyro.shape[1]
@@ -90,6 +95,8 @@ def ekf(windows: Windows, imu: ImuModel | None = None) -> Estimate:
 
 
 def _answer(windows: Windows, imu: ImuModel) -> Estimate:
+    """The filter's answers on a base that rests, and anew for those windows that show it moving.
+    Raises InputError where these have samples too slow to follow a motion."""
     samples = windows.gyro.shape[1]
     steps = cut_steps(windows, imu, -(-samples // _MOST_STEPS), False, "ekf")
     quiet = np.full(
@@ -115,25 +122,28 @@ def _answer(windows: Windows, imu: ImuModel) -> Estimate:
 
 @dataclass
 class _State:
-    """What the filter believes of W windows, and how surely."""
+    """The filter's estimates for W windows, and their covariance."""
 
     c_nb: np.ndarray
+    """(W, 3, 3), attitude C of the body in n'"""
     velocity: np.ndarray
+    """(W, 3), m/s, in n'"""
     q: np.ndarray
+    """(W, 2)"""
     other: np.ndarray
     """(W, states - 8): biases, misalignment, Gauss-Markov parts, biases by the kelvin, as in P"""
     P: np.ndarray
-    """(W, states, states)"""
+    """(W, states, states), covariance of the errors"""
 
     def take(self, error: np.ndarray) -> None:
-        """The errors found, (W, states), into what is believed."""
+        """Correct the estimates by the errors found, (W, states)."""
         self.c_nb = rotation_matrix(error[:, PHI]) @ self.c_nb
         self.velocity += error[:, V]
         self.q += error[:, Q]
         self.other += error[:, BG.start :]
 
     def one(self, which: slice) -> np.ndarray:
-        """One part of `other`, (W, 3)."""
+        """The estimates in `other` of three states, which are numbered as in P, (W, 3)."""
         return self.other[:, which.start - BG.start : which.stop - BG.start]
 
     def of_gyro(self, rate: np.ndarray, warmth: np.ndarray | None) -> np.ndarray:
@@ -148,35 +158,38 @@ class _State:
 
 @dataclass(frozen=True)
 class _Law:
-    """How errors come about in W windows."""
+    """The dynamics of the errors in W windows: initial variances, decay and driving noise."""
 
     gyro: reduced_order.Drift
     accel: reduced_order.Drift
     earth: np.ndarray
-    """(W, 3, 2), rad/s: of q"""
+    """(W, 3, 2), rad/s: the matrix by which q makes Earth's horizontal rate"""
     vertical: np.ndarray
     """(W, 3), rad/s: Earth's rate about down"""
     gravity: np.ndarray
     """(W, 3), m/s^2"""
     start: np.ndarray
-    """(W, states), variances"""
+    """(W, states), initial variances"""
     decay: np.ndarray
-    """(states,), of a state in a step"""
+    """(states,), factor by which a state decays in a step"""
     driven: np.ndarray
     """(W, states), variances that a step adds"""
     warmth: np.ndarray | None
-    """(W, n), K, since power-up, in each step; None where that changes no gyro's bias"""
+    """(W, n), K, temperature's rise since power-up in each step; None where it changes no gyro's
+    bias"""
 
     def warmth_at(self, k: int) -> np.ndarray | None:
+        """The temperature's rise in step k, (W,), K, or None."""
         return None if self.warmth is None else self.warmth[:, k]
 
     @classmethod
     def of(cls, windows: Windows, imu: ImuModel, steps: Steps, still: bool) -> "_Law":
+        """The dynamics for a sensor in these windows and steps."""
         latitude, when = windows.latitude, reduced_order.When.of(windows)
         w, h = len(windows), steps.interval
         # How a bias changes by the kelvin is a state of its own.
         by_kelvin = imu.gyro.variance(ONE, warms=True).diagonal()
-        gyro = reduced_order.of_gyro(imu, when, warming_bias=False)
+        gyro = reduced_order.of_gyro(imu, when, warming_bias=False, at_rest=False)
         accel = reduced_order.of_accel(imu, when)
         earth = np.zeros((w, 3, 2))
         earth[:, 0, 0] = EARTH_RATE * np.cos(latitude)
@@ -195,7 +208,7 @@ class _Law:
             driven[:, constant] = law.walk * h
             decay[wanders] = np.exp(-h / law.time)
             driven[:, wanders] = law.wander * (1 - decay[wanders] ** 2)
-        # what turns evenly at an unknown arm feels a force that does not change in its own axes
+        # An even turn at an unknown lever arm is felt as a constant force in the body's axes.
         spin = np.abs(np.where(steps.even, 2 * steps.half / h, 0.0)).max(axis=1)
         start[:, BA.start : BA.start + 2] += ((_LEVER_M * spin**2) ** 2)[:, None]
         driven[:, V] = accel.white * h
@@ -210,8 +223,12 @@ class _Law:
 def _filter(
     windows: Windows, imu: ImuModel, steps: Steps, noise: np.ndarray, still: bool
 ) -> tuple[Estimate, np.ndarray]:
-    """noise : (W,), (m/s)^2, of velocities that should be zero. Returns the answers, and the mean
-    of the normalised squared innovations, (W,)."""
+    """Run the filter over the steps: the answers, and the mean of the normalised squared
+    innovations, (W,).
+
+    noise : (W,), (m/s)^2, variance of velocities that should be zero; still : whether the base is
+    taken to rest.
+    """
     law = _Law.of(windows, imu, steps, still)
     base, c_nb, first = coarse(steps)
     w, n = steps.angle.shape
@@ -237,14 +254,17 @@ def _filter(
         count += used.sum(axis=1)
         at_zero = state.c_nb @ rotation_z(-steps.angle[:, k] - steps.half[:, k])
         turned += np.exp(1j * matrix_to_euler(at_zero)[2]) * even
-    # a base that rests does not turn; what its gyros make of a slew is their error
+    # A base that rests does not turn: what the gyros add in a slew is their error.
     off = 0.0 if still else np.angle(turned)
-    return _on_the_circle(state, off), surprise / np.maximum(count, 1)
+    when = reduced_order.When.of(windows)
+    mimics = reduced_order.like_north(imu, when, windows.plate_angle)
+    mimics = mimics / np.square(EARTH_RATE * np.cos(when.latitude))
+    return _on_the_circle(state, off, mimics), surprise / np.maximum(count, 1)
 
 
 def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -> None:
-    """One step on: what is believed, and how surely. held : bool (W,), where C goes by the plate's
-    angle alone."""
+    """Propagate estimates and covariance through step k. held : bool (W,), where C follows the
+    plate's angle alone."""
     h, rate = steps.interval, steps.rate[:, k]
     plate = steps.half[:, k] * steps.even[:, k]
     earth = law.vertical + np.einsum("wij,wj->wi", law.earth, state.q)
@@ -286,10 +306,12 @@ def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -
 def _innovation(
     state: _State, law: _Law, steps: Steps, k: int, base: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rate (rad/s) less what is expected on the plate; zero less velocity (m/s); the plate's angle
-    (rad) less what C makes of it; all (W, 7). And how they move with the errors, (W, 7, states).
+    """The innovations of step k, (W, 7), and their derivatives by the errors, (W, 7, states).
 
-    base : (W, 3, 3), its attitude at first; start : C at the step's start.
+    The innovations are the measured rate less what is expected on the plate (3, rad/s), zero less
+    velocity (3, m/s), and the plate's angle less the one that C implies (rad).
+
+    base : (W, 3, 3), the base's initial attitude; start : (W, 3, 3), C at the step's start.
     """
     rate = steps.rate[:, k]
     earth = law.vertical + np.einsum("wij,wj->wi", law.earth, state.q)
@@ -324,8 +346,8 @@ def _innovation(
 def _update(
     state: _State, z: np.ndarray, H: np.ndarray, R: np.ndarray, used: np.ndarray
 ) -> np.ndarray:
-    """Take the innovations z (W, m) where they are used, bool (W, m); R : (W, m). Returns the sum
-    of their normalised squares, (W,)."""
+    """Correct estimates and covariance by the innovations z, (W, m), that are used, bool (W, m).
+    R : (W, m), their variances. Returns the sum of the normalised squared innovations, (W,)."""
     z, H, R = z * used, H * used[..., None], np.where(used, R, 1.0)
     PH = state.P @ np.swapaxes(H, 1, 2)
     S = H @ PH + R[:, None, :] * np.eye(R.shape[1])
@@ -335,12 +357,16 @@ def _update(
     return np.asarray(np.einsum("wi,wi->w", z, np.linalg.solve(S, z[..., None])[..., 0]))
 
 
-def _on_the_circle(state: _State, off: np.ndarray | float) -> Estimate:
-    """The heading's posterior mean and spread under a flat prior, from what was learnt of q.
+def _on_the_circle(state: _State, off: np.ndarray | float, mimics: np.ndarray) -> Estimate:
+    """The heading's posterior mean and spread under a flat prior on the circle, from the
+    information on q that the window has added.
 
-    off : rad, (W,), by which the body's mean heading differs from that of n'.
+    off : rad, (W,), by which the body's mean heading differs from that of n'; mimics : (W,), the
+    variance of errors that add to each component of q and cannot be told from it.
     """
     inverse = np.linalg.inv(state.P[:, Q, Q])
     h = np.einsum("wij,wj->wi", inverse, state.q)
-    found = bayes(h, inverse - np.eye(2) / _Q_SIGMA**2)
+    J = inverse - np.eye(2) / _Q_SIGMA**2
+    told = np.linalg.inv(np.eye(2) + mimics[:, None, None] * J)
+    found = bayes(np.einsum("wij,wj->wi", told, h), told @ J)
     return Estimate(wrap(found.heading + off), found.sigma)

@@ -1,7 +1,7 @@
-"""Headings that are linear in the levelled data: plainly, or weighted by the sensor's covariance.
+"""Headings by least squares, plain or weighted by the covariance of the sensor's errors.
 
-What estimators of a resting or turning plate share: how windows become data, and two ways to make
-a heading of them.
+This is what the estimators of a resting or turning plate share: how windows become levelled data,
+and both ways to a heading that is linear in them.
 """
 
 from collections.abc import Callable
@@ -22,13 +22,14 @@ from lbgc.frames import euler_to_matrix, turned, wrap
 from lbgc.sensor.imu import ImuModel
 
 LEANS = np.deg2rad(10.0)
+"""Largest lean of a base that is answered, rad."""
 _DOUBTED, _CONTRADICTED = 4.0, 5.0
-"""Sigmas by which a rate's size must differ from Earth's before a bias is seen in it: of what a
-window's own scatter says, and of what is stated of the sensor."""
+"""Number of sigmas by which a rate's size must differ from Earth's to count as biased: for sigmas
+by a window's own scatter, and for those by the sensor's model."""
 _EIGHTHS = 8
 _RARELY = 1e-7
 _SAME_RATE = 1e-6
-"""Share of Earth's rate: its own size is not known better."""
+"""Relative uncertainty of the size of Earth's rate."""
 
 
 def answer(
@@ -37,7 +38,11 @@ def answer(
     each: Callable[[Levelled], Estimate],
     name: str,
 ) -> Estimate:
-    """What `each` makes of the windows, course by course, in the windows' order."""
+    """The answers of `each` to groups of windows that share a course, in the windows' order.
+
+    name : the estimator's. Raises InputError where a window cannot be answered, or where the plate
+    never rests or turns evenly, or the base leans by more than 10 degrees.
+    """
     check(name, windows)
     heading, sigma = np.empty(len(windows)), np.empty(len(windows))
     at_least = False
@@ -64,6 +69,7 @@ def check(name: str, windows: Windows) -> None:
 
 
 def needs_model(name: str, imu: ImuModel | None) -> ImuModel:
+    """The sensor's model. Raises InputError for the estimator `name` where it is not known."""
     if imu is None:
         raise refusal(name, "imu", "", "is not known: weighting needs the sensor's noise model; "
                       "give one of conf/imu, or fit yours (python lbgc/fit.py)")  # fmt: skip
@@ -71,8 +77,8 @@ def needs_model(name: str, imu: ImuModel | None) -> ImuModel:
 
 
 def turn(course: Course, site: Site) -> np.ndarray:
-    """Design, (4, n, 4), of data in level axes that turn with the plate, for q = (cos psi, sin psi)
-    and the tilt t that levelling left (small, unknown, the same in the base's axes all the time):
+    """Design matrix, (4, n, 4), of data in level axes that turn with the plate, by q = (cos psi,
+    sin psi) and the tilt t that levelling left (small, unknown, and constant in the base's axes):
 
         rate_k  = Omega cos(lat) R(theta_k) q - Omega sin(lat) P(theta_k) t
         force_k =                                          -g  P(theta_k) t
@@ -89,7 +95,7 @@ def turn(course: Course, site: Site) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def plain_weights(course: Course, site: Site, bias: bool) -> np.ndarray:
-    """Least squares: (2, 4, n), weights that make (cos psi, sin psi) of the data.
+    """Least-squares weights, (2, 4, n), that make (cos psi, sin psi) of the levelled data.
 
     The rates are levelled by the mean force in the base's axes, rate - force Omega sin(lat)/g,
     and fitted by amplitudes along and across (Tian 2020's cosine) and, if asked for, a bias an
@@ -113,9 +119,11 @@ def plain_weights(course: Course, site: Site, bias: bool) -> np.ndarray:
 
 
 def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 0.0) -> Estimate:
-    """The heading by `plain_weights`, and its sigma on the circle: of this linear form of a rate
-    whose size is known, under the sensor's covariance where that is known; else under white noise
-    as large as what the fit leaves, at least.
+    """The heading by `plain_weights`, and its sigma on the circle.
+
+    The linear forms measure a rate whose size is known. Their covariance is that of the sensor's
+    errors where its model is known. Else it is that of white noise as large as the residuals show,
+    and the sigma is a lower bound unless a bias is stated.
 
     bias_sigma : rad/s, 1 sigma of each gyro's bias where nothing else is said of the sensor.
     """
@@ -124,21 +132,26 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
     heading = np.arctan2(z[:, 1], z[:, 0])
     if imu is not None:
         leans, which = apart(part.base)
-        each = [_spread(imu, part.course, part.site, bias, *lean) for lean in leans.tolist()]
+        each = [
+            _plain_covariance(imu, part.course, part.site, bias, *lean) for lean in leans.tolist()
+        ]
         spread = each[0] if len(each) == 1 else np.stack(each)[which]
     else:
-        spread = _white(part, bias, weights, z)[:, None, None] * _of_each(weights)
+        spread = _block_variance(part, bias, weights, z)[:, None, None] * _unit_covariance(weights)
         if not bias:
             spread = spread + (bias_sigma / part.site.north) ** 2 * np.eye(2)
-    spread = _widened(z, spread + _moved(part, bias, imu, weights, z),
+    spread = _widened(z, spread + _motion_covariance(part, bias, imu, weights, z),
                       _DOUBTED if imu is None else _CONTRADICTED)  # fmt: skip
     sigma = circle.posterior(*circle.measured(z, spread), heading).sigma
     return Estimate(wrap(heading), sigma, imu is None and bias_sigma == 0.0)
 
 
 def _widened(z: np.ndarray, spread: np.ndarray, sigmas: float) -> np.ndarray:
-    """The measurements' covariance, and where their length, which should be one, contradicts it by
-    more than so many sigmas, an error of that size in all directions on top: (V, 2, 2)."""
+    """Covariance, (V, 2, 2), of measurements z, (V, 2), of q, widened where they contradict it.
+
+    Where their length differs from one by more than so many sigmas, an error as large as that
+    difference is added in all directions.
+    """
     length = np.linalg.norm(z, axis=1)
     n = z / np.maximum(length, 1e-300)[:, None]
     radial = np.sum((n[:, None] @ spread)[:, 0] * n, axis=1)
@@ -148,18 +161,20 @@ def _widened(z: np.ndarray, spread: np.ndarray, sigmas: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=4096)  # of a log's windows each has a course of its own
-def _spread(
+def _plain_covariance(
     imu: ImuModel, course: Course, site: Site, bias: bool, roll: float, pitch: float
 ) -> np.ndarray:
-    """Covariance of what the plain weights make of the data, (2, 2), on a base that leans so, rad:
-    there a vertical gyro's errors are levelled into the horizontal ones."""
-    return _of_level(imu, course, site, plain_weights(course, site, bias), roll, pitch)
+    """Covariance, (2, 2), of what the plain weights make of the sensor's errors, on a base that
+    leans by roll and pitch, rad. On a lean, levelling takes part of the vertical gyro's errors into
+    the horizontal rates."""
+    return _covariance_of_forms(imu, course, site, plain_weights(course, site, bias), roll, pitch)
 
 
-def _of_level(
+def _covariance_of_forms(
     imu: ImuModel, course: Course, site: Site, weights: np.ndarray, roll: float, pitch: float
 ) -> np.ndarray:
-    """Covariance, (k, k), of what weights (k, 4, n) make of the levelled data, likewise."""
+    """Covariance, (k, k), of what weights (k, 4, n) of the levelled data make of the sensor's
+    errors, on a base that leans by roll and pitch, rad."""
     count = len(weights)
     weights = weights.reshape(count, 2, 2, -1)  # of triad, axis, part
     vectors = np.moveaxis(np.pad(weights, ((0, 0), (0, 0), (0, 1), (0, 0))), 2, 3)
@@ -169,41 +184,46 @@ def _of_level(
     return spread_of(imu, course, site, body, (roll, pitch))
 
 
-def _white(part: Levelled, bias: bool, weights: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Variance of a block's rate, (V,), (rad/s)^2, by what the fit leaves, if every block has an
-    independent error; NaN where it leaves nothing to tell by."""
-    left = _left(part, bias, z)
+def _block_variance(part: Levelled, bias: bool, weights: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Variance of a block's rate, (V,), (rad/s)^2, by the fit's residuals, if every block has an
+    independent error; NaN where no degree of freedom is left."""
+    left = _residuals(part, bias, z)
     n = left.shape[2]
     free = 2 * n - 2 - 2 * bias
     return np.sum(left**2, axis=(1, 2)) / free if free > 0 else np.full(len(z), np.nan)
 
 
-def _left(part: Levelled, bias: bool, z: np.ndarray) -> np.ndarray:
-    """What the fit leaves of the rates, (V, 2, n), rad/s."""
+def _residuals(part: Levelled, bias: bool, z: np.ndarray) -> np.ndarray:
+    """Residuals of the rates, (V, 2, n), rad/s."""
     rates = turn(part.course, part.site)[:2, :, :2]
     left = part.data[:, :2] - np.einsum("ani,vi->van", rates, z)
     return np.asarray(left - left.mean(axis=2, keepdims=True) if bias else left)
 
 
-def _moved(
+def _motion_covariance(
     part: Levelled, bias: bool, imu: ImuModel | None, weights: np.ndarray, z: np.ndarray
 ) -> np.ndarray:
-    """Covariance of the measurements, (V, 2, 2), that the base's own motion adds, where means over
-    an eighth of the window scatter far more than the sensor's model says: as large as white noise
-    of such scatter makes. A base that sways about one attitude averages out faster, one that turns
-    on does not; zero where the model explains what is seen."""
-    groups, free = _groups(part.data.shape[2]), _free(part.data.shape[2], bias)
+    """Covariance of the measurements, (V, 2, 2), that the base's own motion adds.
+
+    It is zero where the model explains what is seen. Where residuals averaged over eighths of the
+    window scatter far more than the sensor's model says, it is that of white noise of such scatter.
+    A base that sways about one attitude averages out faster; one that turns on does not.
+    """
+    groups, free = _groups(part.data.shape[2]), _degrees(part.data.shape[2], bias)
     if imu is None or free <= 0:
         return np.zeros((len(z), 2, 2))
-    seen = np.sum((_left(part, bias, z) @ groups.T) ** 2, axis=(1, 2))
+    seen = np.sum((_residuals(part, bias, z) @ groups.T) ** 2, axis=(1, 2))
     leans, which = apart(part.base)
-    most = np.array([_explained(imu, part.course, part.site, bias, *a) for a in leans.tolist()])
+    most = np.array(
+        [_largest_explained(imu, part.course, part.site, bias, *a) for a in leans.tolist()]
+    )
     white = np.where(seen > most[which], seen / free, 0.0)
-    return np.asarray(white[:, None, None] * _of_each(weights))
+    return np.asarray(white[:, None, None] * _unit_covariance(weights))
 
 
 def _groups(n: int) -> np.ndarray:
-    """(m, n): sums over consecutive parts, such that independent errors keep their variance."""
+    """Matrix, (m, n), that sums n parts within m <= 8 consecutive groups, each divided by the root
+    of its number, so that independent errors keep their variance."""
     of = np.array_split(np.arange(n), min(n, _EIGHTHS))
     matrix = np.zeros((len(of), n))
     for row, own in zip(matrix, of, strict=True):
@@ -211,16 +231,17 @@ def _groups(n: int) -> np.ndarray:
     return matrix
 
 
-def _free(n: int, bias: bool) -> int:
+def _degrees(n: int, bias: bool) -> int:
+    """Degrees of freedom that the fit leaves to grouped residuals of n parts."""
     return 2 * min(n, _EIGHTHS) - 2 - 2 * bias
 
 
 @lru_cache(maxsize=4096)
-def _explained(
+def _largest_explained(
     imu: ImuModel, course: Course, site: Site, bias: bool, roll: float, pitch: float
 ) -> float:
-    """Sum of squares of what the fit leaves of groups that the sensor's model exceeds once in 1e7:
-    by Satterthwaite's chi-square, of the sum's own mean and variance."""
+    """The sum of squares of grouped residuals, (rad/s)^2, that the sensor's model exceeds once in
+    1e7: by Satterthwaite's chi-square, which has the sum's own mean and variance."""
     n = len(course.blocks)
     weights = plain_weights(course, site, bias)
     left = np.zeros((2, n, 4, n))
@@ -229,21 +250,22 @@ def _explained(
     if bias:
         left -= left.mean(axis=1, keepdims=True)
     grouped = np.einsum("gn,anbm->agbm", _groups(n), left, optimize=True).reshape(-1, 4, n)
-    C = _of_level(imu, course, site, grouped, roll, pitch)
+    C = _covariance_of_forms(imu, course, site, grouped, roll, pitch)
     mean, square = float(np.trace(C)), float(np.sum(C**2))
     degrees = mean**2 / square
     return float(mean / degrees * chi2.isf(_RARELY, degrees))
 
 
-def _of_each(weights: np.ndarray) -> np.ndarray:
-    """Covariance of what the weights make of rates whose errors are independent, each of variance
-    one: (2, 2)."""
+def _unit_covariance(weights: np.ndarray) -> np.ndarray:
+    """Covariance, (2, 2), of what the weights make of rates whose errors are independent and of
+    variance one."""
     return np.asarray(np.einsum("ian,jan->ij", weights[:, :2], weights[:, :2]))
 
 
 def weighted(name: str, part: Levelled, imu: ImuModel, free_bias: bool, checked: bool) -> Estimate:
-    """The most likely heading under the sensor's covariance. If `checked`, raises InputError
-    where the data contradict it: `name` is the estimator's."""
+    """The most likely heading under the covariance of the sensor's errors. If `checked`, raises
+    InputError where the data contradict it. free_bias : see `lbgc.estimators.information`; name :
+    the estimator's."""
     found = fitted(imu, part, free_bias)
     if checked:
         check_fit(name, part.course, found.misfit)

@@ -5,18 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from lbgc.errors import InputError
+from lbgc.frames import level
 
 _UPRIGHT = np.deg2rad(10.0)
-"""Angle between the forward axis and the vertical, below which there is no heading."""
-
-
-def level(f_ib_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Roll and pitch from specific force at rest (the paper's eqs. 10-11; Groves 2013, eq. 5.101).
-
-    f_ib_b : (W, 3), m/s^2. Returns rad, (W,) each. They do not depend on g.
-    """
-    x, y, z = f_ib_b[:, 0], f_ib_b[:, 1], f_ib_b[:, 2]
-    return np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z))
+"""Angle between the forward axis and the vertical, rad, below which there is no heading."""
 
 
 def gyrocompass(omega_ib_b: np.ndarray, roll: np.ndarray, pitch: np.ndarray) -> np.ndarray:
@@ -32,8 +24,8 @@ def gyrocompass(omega_ib_b: np.ndarray, roll: np.ndarray, pitch: np.ndarray) -> 
 
 
 def tilts_of(force: np.ndarray, names: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Roll and pitch, (R,) each, rad, of mean forces at rest (R, 3). Raises InputError where the
-    forward axis has no heading."""
+    """Roll and pitch, (R,) each, rad, of mean specific forces at rest, (R, 3), m/s^2. Raises
+    InputError with the force's own name where the forward axis is vertical and has no heading."""
     roll, pitch = level(force)
     for name, angle in zip(names, pitch, strict=True):
         if abs(angle) > np.pi / 2 - _UPRIGHT:

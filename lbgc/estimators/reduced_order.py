@@ -1,11 +1,11 @@
-"""What a filter of few states makes of a sensor: each axis's errors as a constant that walks, one
+"""The error model of a filter of few states: each axis's errors as a constant that walks, one
 first-order Gauss-Markov process, and white noise.
 
-Flicker is a sum of Gauss-Markov processes (lbgc.sensor.noise.Flicker). Against a window of length
-T, one whose correlation time is below T/10 is white, one above 2 T a constant that walks (both by
-their limits: density 2 s T_i, walk 2 s/T_i, s the variance); what lies between becomes one process.
-For two rests by turns, or one, the variance that follows is within 5% of the exact law's up to a
-quarter of an hour, sdc500's flicker and walk.
+Flicker is a sum of Gauss-Markov processes (lbgc.sensor.noise.Flicker). In a window of length T, a
+process whose correlation time T_i is below T/10 counts as white noise, one above 2 T as a constant
+that walks (both by their limits: density 2 s T_i, walk 2 s/T_i, s the variance); those between
+become one process. For two rests by turns, or one, the variance that follows is within 5% of the
+exact law's up to a quarter of an hour, for sdc500's flicker and walk.
 """
 
 from dataclasses import dataclass
@@ -14,31 +14,31 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
-from lbgc.sensor.errors import FORCE, ONE, TRUTH
+from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
 
 _SHORT, _LONG = 0.1, 2.0
 _LEAST = (1e-8, 1e-6)
-"""rad/sqrt(s) and m/s/sqrt(s): a sensor without any noise has a covariance that rounding breaks;
-far below all others."""
+"""rad/sqrt(s) and m/s/sqrt(s), white noise far below any sensor's: without any noise, rounding
+errors spoil the filter's covariance."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Model of a triad's errors in W windows, in SI units; each (3,) but where it says so."""
+    """Reduced model of a triad's errors in W windows, in SI units; (3,) each but where stated."""
 
     white: np.ndarray
-    """Density N^2"""
+    """Density N^2 of the white noise"""
     angle: np.ndarray
-    """Variance of what errs in the integral (angle, velocity) and does not add up"""
+    """Variance of an error of the integral (angle or velocity) that does not accumulate"""
     constant: np.ndarray
-    """Variance at each window's start, (W, 3)"""
+    """Variance of the constant at each window's start, (W, 3)"""
     walk: np.ndarray
-    """K^2, (W, 3)"""
+    """K^2 of its random walk, (W, 3)"""
     wander: np.ndarray
     """Variance of the Gauss-Markov process"""
     time: np.ndarray
-    """s, its correlation time"""
+    """s, correlation time of the Gauss-Markov process"""
 
 
 @dataclass(frozen=True)
@@ -55,38 +55,86 @@ class When:
 
     @classmethod
     def of(cls, windows: Windows) -> "When":
+        """The times and places of these windows, gravity being the normal one there."""
         gravity = normal_gravities(windows.latitude)
         return cls(windows.duration_s, windows.start_s, windows.latitude, gravity)
 
 
-def of_gyro(imu: ImuModel, when: When, processes: bool = True, warming_bias: bool = True) -> Drift:
-    """The gyros' drift. What a rate about z makes in each of them is no part of it: that turns with
-    the plate's rate, and is a state of its own (see `turning`).
+def of_gyro(
+    imu: ImuModel,
+    when: When,
+    processes: bool = True,
+    warming_bias: bool = True,
+    at_rest: bool = True,
+) -> Drift:
+    """The gyros' reduced model. It leaves out each gyro's error by the rate about z, which follows
+    the plate's rate and is a state of its own (see `turning`).
 
     processes, warming_bias : whether first-order processes, and biases that grow with the
-    temperature, are part of it: those who have them exactly leave them out.
+    temperature, are part of it. Callers that model these exactly leave them out. at_rest : whether
+    the errors that follow a horizontal vector which stands still, Earth's rate or the magnetic
+    field, are part of it as a constant; on a plate that turns they are none, see `like_north`.
     """
-    horizontal = np.square(EARTH_RATE * np.cos(when.latitude)) / 2
-    none = np.zeros_like(horizontal)
-    felt = {TRUTH: np.stack([horizontal, horizontal, none], axis=1), FORCE: _down(when.gravity)}
+    share = float(at_rest)
+    felt = {
+        kind: share * _horizontal(size) + _mean_square_down(vertical)
+        for kind, (size, vertical) in _standing(imu, when).items()
+    }
+    felt[FORCE] = _mean_square_down(when.gravity)
     return _drift(imu, imu.gyro, when, felt, _LEAST[0], processes, warming_bias)
 
 
+def like_north(imu: ImuModel, when: When, angle: np.ndarray) -> np.ndarray:
+    """Variance of the error that looks like Earth's horizontal rate, since it stands still in level
+    axes while the plate turns: of each component, (W,), (rad/s)^2. angle : (W, n), rad, the
+    plate's.
+
+    An error c v follows a horizontal vector v that stands still on Earth. Its parts
+    (c_xx + c_yy)/2 and (c_yx - c_xy)/2 scale and turn v, and so mimic north under every schedule
+    about the vertical axis. The other two turn by twice the plate's angle in level axes, and mimic
+    north in so far as the mean of exp(2i angle) is not zero: wholly at rest and by half turns.
+    """
+    again = np.abs(np.exp(2j * angle).mean(axis=1)) ** 2
+    middle = imu.warming.rise_at(when.start_s + when.duration_s / 2) ** 2
+    standing = _standing(imu, when)
+    total = np.zeros(len(angle))
+    for error in imu.gyro.drawn:
+        if error.follows in standing:
+            size = np.square(error.sigma[:2, :2]).sum() / 8 * (middle if error.warms else 1.0)
+            total += size * (1 + again) * standing[error.follows][0] ** 2
+    return total
+
+
+def _standing(imu: ImuModel, when: When) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The vectors that stand still on Earth and that gyros' errors follow, by kind: the size of the
+    horizontal part, and the vertical part where it makes a constant; (W,) each."""
+    north, east, down = imu.field_ned
+    one = np.ones(len(when.latitude))
+    rate = EARTH_RATE * np.cos(when.latitude)
+    return {TRUTH: (rate, 0 * one), FIELD: (np.hypot(north, east) * one, down * one)}
+
+
+def _horizontal(size: np.ndarray) -> np.ndarray:
+    """Mean square of a horizontal vector of this size along each axis of a level body that may look
+    anywhere, (W, 3)."""
+    return np.stack([size**2 / 2, size**2 / 2, 0 * size], axis=1)
+
+
 def of_accel(imu: ImuModel, when: When, processes: bool = True) -> Drift:
-    """The accelerometers' drift; processes : as of the gyros."""
-    down = _down(when.gravity)
+    """The accelerometers' reduced model; processes : as for `of_gyro`."""
+    down = _mean_square_down(when.gravity)
     return _drift(imu, imu.accel, when, {TRUTH: down, FORCE: down}, _LEAST[1], processes, True)
 
 
-def _down(gravity: np.ndarray) -> np.ndarray:
-    """Mean square of the specific force along each axis of a level body, (W, 3)."""
-    none = np.zeros_like(gravity)
-    return np.stack([none, none, gravity**2], axis=1)
+def _mean_square_down(size: np.ndarray) -> np.ndarray:
+    """Mean square of a vertical vector of this size along each axis of a level body, (W, 3)."""
+    return np.stack([0 * size, 0 * size, size**2], axis=1)
 
 
 def turning(imu: ImuModel, when: When) -> tuple[np.ndarray, np.ndarray]:
-    """What each gyro makes of a rate about z, by that rate: misalignment, and z's scale factor.
-    Their variance at each window's start, (W, 3), and what each second adds to it as they warm."""
+    """Variance of each gyro's error by the rate about z, that is of misalignment towards z and of
+    z's scale factor: at each window's start, (W, 3), and its increase a second as they warm,
+    (W, 3), 1/s."""
     steady, by_kelvin = (imu.gyro.variance(TRUTH, warms)[:, 2] for warms in (False, True))
     warm, warmer = (imu.warming.rise_at(when.start_s + t) for t in (0.0, when.duration_s))
     walk = np.outer((warmer - warm) ** 2 / when.duration_s, by_kelvin)
@@ -102,10 +150,15 @@ def _drift(
     processes: bool,
     warming_bias: bool,
 ) -> Drift:
-    """felt : mean square of what errors that are drawn once follow, (W, 3)."""
+    """The reduced model of one triad.
+
+    felt : (W, 3), mean squares of the rate or force that errors drawn once follow, by its name;
+    least : least white noise, the root of a density. Other arguments as for `of_gyro`.
+    """
     white, angle, wander, time = (np.zeros(3) for _ in range(4))
     start, end = when.start_s, when.start_s + when.duration_s
-    felt = {ONE: np.ones((len(start), 3)), **felt}
+    none = np.zeros((len(start), 3))
+    felt = {ONE: none + 1, FIELD: none, **felt}
     constant, walk = np.zeros((len(start), 3)), np.zeros((len(start), 3))
     warm, warmer = (imu.warming.rise_at(at) for at in (start, end))
     for error in triad.drawn:

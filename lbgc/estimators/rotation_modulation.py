@@ -1,4 +1,4 @@
-"""North from an IMU that a plate turns: what turns with the body is its bias, what does not, north.
+"""North from an IMU that a plate turns: biases turn with the body, Earth's rate does not.
 
 Each has a plain form (least squares, every block alike, biases free) and a weighted one (the same
 unknowns, weighted by the covariance of the sensor's errors). All work in both hemispheres, and on a
@@ -20,12 +20,15 @@ from lbgc.frames import wrap
 from lbgc.sensor.imu import ImuModel
 
 _SAME = np.deg2rad(1.0)
+"""Angle, rad, within which two rests count as one position."""
 Choose = Callable[[str, Course], np.ndarray]
-"""Which blocks of a course an estimator takes, bool (n,). Raises InputError at one that it cannot
-use; it is told its own name."""
+"""A function of the estimator's name and a course: which parts of the course the estimator uses,
+bool (n,). Raises InputError at a course that the estimator cannot use."""
 
 
 def two_positions(name: str, course: Course) -> np.ndarray:
+    """The rests of a course at two angles half a turn apart, bool (n,). Raises InputError at any
+    other course."""
     dwells = _dwells(course)
     if len(dwells) != 2 or abs(abs(wrap(dwells[1] - dwells[0])) - np.pi) > _SAME:
         raise refusal(name, np.rad2deg(dwells).round(1).tolist(), "deg",
@@ -34,6 +37,8 @@ def two_positions(name: str, course: Course) -> np.ndarray:
 
 
 def positions(name: str, course: Course) -> np.ndarray:
+    """The rests of a course at three or more angles, bool (n,). Raises InputError where it has
+    fewer."""
     dwells = _dwells(course)
     if len(dwells) < 3:
         raise refusal(name, np.rad2deg(dwells).round(1).tolist(), "deg",
@@ -42,6 +47,8 @@ def positions(name: str, course: Course) -> np.ndarray:
 
 
 def turning(name: str, course: Course) -> np.ndarray:
+    """The even turns of a course, bool (n,). Raises InputError where the plate travels less than
+    half a turn, or turns evenly in fewer than five blocks."""
     travel = float(np.ptp(course.angle)) if course.angle else 0.0
     steady = ~course.resting & ~course.slewing
     if travel < np.pi or steady.sum() < 5:
@@ -51,7 +58,7 @@ def turning(name: str, course: Course) -> np.ndarray:
 
 
 def _dwells(course: Course) -> np.ndarray:
-    """Angles at which the plate rests, in their order, rad."""
+    """Angles at which the plate rests, rad, ascending."""
     angles = np.array(course.angle)[course.resting]
     if len(angles) == 0:
         return np.asarray(angles)
@@ -67,6 +74,9 @@ def _estimator(
     weigh: bool,
     checked: bool = True,
 ) -> Estimate:
+    """The answers of an estimator that uses the parts that `choose` gives; weigh : whether they are
+    weighted by the sensor's covariance, and slews used too; checked : see `weighted`."""
+
     def each(part: Levelled) -> Estimate:
         chosen = choose(name, part.course)
         if weigh:
@@ -78,37 +88,40 @@ def _estimator(
 
 
 def two_position(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """Maytagging: half the difference of the mean rates at two rests half a turn apart has no bias
-    (Prikhodko et al. 2013, "What is MEMS gyrocompassing?")."""
+    """Maytagging: north by half the difference of the mean rates at two rests half a turn apart,
+    which is free of bias (Prikhodko et al. 2013, "What is MEMS gyrocompassing?")."""
     return _estimator("two_position", two_positions, windows, imu, False)
 
 
 def two_position_weighted(
     windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
 ) -> Estimate:
-    """The unknowns of `two_position`, weighted by the noise model: near blocks share their drift,
-    so those about the slew tell most."""
+    """Maytagging weighted by the noise model, with the unknowns of `two_position`. Neighbouring
+    blocks share their drift, so those next to the slew weigh most."""
     return _estimator("two_position_weighted", two_positions, windows, imu, True, checked)
 
 
 def cosine_fit(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """Amplitude, phase and bias of the rates at three or more rests (Tian et al. 2020)."""
+    """North by a cosine's amplitude, phase and bias, fitted to the rates at three or more rests
+    (Tian et al. 2020)."""
     return _estimator("cosine_fit", positions, windows, imu, False)
 
 
 def cosine_fit_weighted(
     windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
 ) -> Estimate:
+    """The cosine fit weighted by the noise model, with the unknowns of `cosine_fit`."""
     return _estimator("cosine_fit_weighted", positions, windows, imu, True, checked)
 
 
 def carousel(windows: Windows, imu: ImuModel | None = None) -> Estimate:
-    """The rates' sine and cosine at the carousel's frequency, and a bias (Renkoski 2008; Johnson et
-    al. 2010). It takes whole turns or not, either way."""
+    """North by a sine, a cosine and a bias, fitted to the rates on a carousel at its frequency
+    (Renkoski 2008; Johnson et al. 2010). It takes whole turns or parts of one, in either sense."""
     return _estimator("carousel", turning, windows, imu, False)
 
 
 def carousel_weighted(
     windows: Windows, imu: ImuModel | None = None, *, checked: bool = True
 ) -> Estimate:
+    """The carousel's fit weighted by the noise model, with the unknowns of `carousel`."""
     return _estimator("carousel_weighted", turning, windows, imu, True, checked)

@@ -10,8 +10,8 @@ from lbgc.estimators.block_means import levelled
 from lbgc.estimators.error_patterns import timeless
 from lbgc.estimators.estimate import Estimate, refusal
 from lbgc.estimators.least_squares import answer, check, needs_model, plain, weighted
-from lbgc.estimators.level import gyrocompass, level
-from lbgc.frames import matrix_to_euler, wrap
+from lbgc.estimators.level import gyrocompass
+from lbgc.frames import level, matrix_to_euler, wrap
 from lbgc.sensor.imu import ImuModel
 
 _MOVED = np.deg2rad(0.01)
@@ -20,10 +20,10 @@ _MOVED = np.deg2rad(0.01)
 def mean(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 0.0) -> Estimate:
     """The paper's baseline: levelling, then gyrocompassing, on the window's mean; at any tilt.
 
-    Its sigma is for a base that is nearly level: by the sensor's model where that is known, else by
-    the window's own scatter, which shows white noise and no bias, and what is said of the bias.
-    It does not take the measured horizontal rate for Earth's, whose size is known: where noise is
-    as large, the heading may be anywhere (lbgc.estimators.circle).
+    Its sigma holds for a base that is nearly level. It follows from the sensor's model where that
+    is known, else from the window's own scatter, which shows white noise and no bias, and from
+    `bias_sigma`. The size of Earth's horizontal rate is known, and is not taken from the
+    measurement: where noise is as large, the heading may be anywhere (lbgc.estimators.circle).
 
     bias_sigma : rad/s, 1 sigma of each gyro's bias where the sensor is not known.
 
@@ -39,8 +39,8 @@ def triad(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 
     """Dual-vector coarse alignment (Black 1964's TRIAD): the attitude that takes the measured
     force to gravity exactly, and the measured rate into the meridian's plane.
 
-    Its heading is the mean's, algebraically; it comes by the attitude matrix, so by the latitude.
-    bias_sigma : as for the mean.
+    Its heading equals that of `mean` algebraically; it is taken from the attitude matrix, which
+    uses the latitude. bias_sigma : as for `mean`.
     """
     check("triad", windows)
     _at_rest("triad", windows)
@@ -56,14 +56,15 @@ def gls(windows: Windows, imu: ImuModel | None = None, *, checked: bool = True) 
     """Generalised least squares: the most likely heading under the sensor's full Gaussian model,
     biases at their stated sizes. The plate may rest or turn; its base leans by 10 degrees at most.
 
-    Raises InputError where a window contradicts that model, as a base that moves does; unless it
-    is not `checked`: its heading is then what it is, and its sigma is not true.
+    Raises InputError where a window contradicts that model, as a base that moves does. If not
+    `checked` it answers such a window, with a sigma that is not true.
     """
     model = needs_model("gls", imu)
     return answer(windows, model, lambda part: weighted("gls", part, model, False, checked), "gls")
 
 
 def _at_rest(name: str, windows: Windows) -> None:
+    """Raise InputError where the plate travels more than 0.01 degrees within a window."""
     travel = np.ptp(windows.plate_angle, axis=1)
     if travel.max(initial=0.0) > _MOVED:
         raise refusal(
@@ -75,7 +76,8 @@ def _at_rest(name: str, windows: Windows) -> None:
 
 
 def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """The axes (W, 3, 3), as columns, that two vectors (W, 3) span, the first one exactly."""
+    """Orthonormal axes, (W, 3, 3), as columns, that two vectors, (W, 3), define: x along the first,
+    y across both."""
     x = first / np.linalg.norm(first, axis=-1, keepdims=True)
     y = np.cross(x, second)
     y /= np.linalg.norm(y, axis=-1, keepdims=True)
@@ -85,8 +87,8 @@ def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _with_sigma(
     heading: np.ndarray, windows: Windows, imu: ImuModel | None, bias_sigma: float
 ) -> Estimate:
-    """The headings (W,) and the plain mean's sigma: every block counts, however an encoder at rest
-    may flicker."""
+    """The headings, (W,), with the sigma of the plain mean. Every block counts as at rest, even if
+    the encoder's reading flickers."""
     sigma = np.empty(len(windows))
     still = np.broadcast_to(windows.plate_angle[:, :1], windows.plate_angle.shape)
     at_least = False

@@ -1,33 +1,36 @@
-"""How loud a sway is at the frequencies that a fit over a window looks like to it.
+"""Variance of the error that a base's sway gives a linear fit over a window, from its residuals.
 
 The error g' r of a linear fit to stationary r has variance integral |g(f)|^2 S(f) df, S the
-spectrum of r. A fit of north looks at about one cycle a window, of which a window has but one; and
-a narrow resonance far above comes in through the side lobes of g. So S is an autoregression's,
-which every frequency tells of: Burg's (1967), its order by Schwarz's criterion.
+spectrum of r. A fit of north is most sensitive at about one cycle a window, where a window has a
+single cycle to estimate S from; and a narrow resonance far above enters through the side lobes of
+g. So S is that of an autoregression, to which all frequencies contribute: Burg's (1967), of the
+order that Schwarz's criterion chooses.
 
-Residuals lack what the fit explained, most of it where the fit looks. Each of its directions u is
-put back as large as S makes it on average, u' R u, as one more stretch of r, and S is found anew
+Residuals lack what the fit explained, most of all at the frequencies to which the fit is most
+sensitive. So each direction u that the fit explained is put back, as large as S makes it on
+average, u' R u, R the covariance of r, as one more stretch of r, and S is estimated anew
 (expectation-maximisation, Dempster et al. 1977).
 
-An estimate of variance whose logarithm errs by e raises the mean of squared ratios by exp(e^2). S
-has its coefficients a with covariance v (n Gamma)^-1, v the variance of what they do not foretell,
-Gamma the autocovariances, and v with 2 v^2/n (Brockwell & Davis 1991, 8.8): the variance is raised
-by what follows for it.
+A variance whose logarithm is estimated with standard deviation e raises the mean of squared ratios
+by exp(e^2). The autoregression's coefficients a have the covariance v (n Gamma)^-1, with v the
+variance of its innovations and Gamma the autocovariances, and v has the variance 2 v^2/n (Brockwell
+& Davis 1991, 8.8). The e^2 of `variance` follows from both, and its result is raised by that
+factor.
 """
 
 import numpy as np
 
 BLOCKS = 240
-"""Blocks of a window, at most: far above one cycle, and coarse enough that an autoregression spans
-a sway."""
-_ORDER = 12
-_PASSES = 4
+"""Largest number of blocks in a window: fine enough for frequencies far above one cycle a window,
+and coarse enough that an autoregression spans a period of the sway."""
+_ORDER = 12  # largest order of the autoregression
+_PASSES = 4  # of expectation-maximisation
 _MOST_ERRS = 1.0
-"""Largest change of the variance's logarithm: beyond it the first order says nothing."""
+"""Largest e^2 that is used: a larger one is beyond what first-order propagation can tell."""
 _SINGULAR = 1e-9
-"""Share of a variance that is added to it: a pure tone is foretold from itself."""
+"""Share of the variance that is added to it: the autocovariances of a pure tone are singular."""
 _LEAST_VELOCITY = 1e-9
-"""m/s: far below all others, so that nothing is divided by zero."""
+"""m/s, far below any velocity of interest, so that nothing is divided by zero."""
 
 
 def variance(
@@ -35,9 +38,9 @@ def variance(
 ) -> np.ndarray:
     """Variance of g' r, (W,), in the squared unit of g times r; summed over the K rows of g.
 
-    left : (W, C, n), what a fit left of r in C directions whose spectrum is one; taken : (W or 1,
-    J, n), orthonormal, what it explained; g : (W or 1, K, n); inside : bool (n,), where left, taken
-    and g count and are not zero.
+    left : (W, C, n), a fit's residuals of r in C directions that share one spectrum; taken : (W or
+    1, J, n), orthonormal, the directions that the fit explained; g : (W or 1, K, n); inside : bool
+    (n,), where left, taken and g count; they are zero elsewhere.
     """
     directions, n = left.shape[1:]
     inside = np.ones(n, bool) if inside is None else inside
@@ -57,16 +60,19 @@ def variance(
     parts = spectrum * looks
     total = parts.sum(axis=1)
     slopes = parts / total[:, None] / response
-    errs = (2 + _of_coefficients(slopes, spectrum, v, order)) / samples
+    errs = (2 + _coefficient_variance(slopes, spectrum, v, order)) / samples
     return np.asarray(total * np.exp(np.minimum(errs, _MOST_ERRS)))
 
 
 def _burg(
     stretches: np.ndarray, inside: np.ndarray, n: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients, (W, _ORDER + 1), the first 1, those beyond the order 0; the variance that they
-    leave, (W,); and the order. stretches : (W, S, T), of one process; n : how many samples they
-    stand for."""
+    """Burg's autoregression: coefficients, (W, _ORDER + 1), the first 1 and those beyond the order
+    0; the variance of its innovations, (W,); and its order by Schwarz's criterion, (W,).
+
+    stretches : (W, S, T), realisations of one process; inside : bool (T,), see `variance`; n : the
+    number of samples that they stand for.
+    """
     w = len(stretches)
     forward = backward = stretches
     whole = inside
@@ -92,11 +98,14 @@ def _burg(
     return best
 
 
-def _of_coefficients(
+def _coefficient_variance(
     slopes: np.ndarray, spectrum: np.ndarray, v: np.ndarray, order: np.ndarray
 ) -> np.ndarray:
-    """What the coefficients' errors do to the logarithm of the variance: its variance, (W,), times
-    n. slopes : (W, F), each frequency's share of it over the response there."""
+    """Variance, (W,), times n, of the logarithm of the variance due to errors of the coefficients.
+
+    slopes : (W, F), each frequency's share of the variance, over the response there; spectrum :
+    (W, F); v : (W,), variance of the innovations; order : (W,).
+    """
     size = 2 * (slopes.shape[1] - 1)
     d = -2 * np.real(np.fft.fft(slopes, size)[:, 1 : _ORDER + 1])
     autocovariance = np.fft.irfft(spectrum, size)
@@ -112,11 +121,11 @@ def _of_coefficients(
 
 
 def velocity_noise(velocity: np.ndarray, columns: np.ndarray, g: np.ndarray) -> float:
-    """The variance, (m/s)^2, of the white velocity that would err the fit's g as much as what the
-    columns do not explain of this one.
+    """Variance, (m/s)^2, of the white velocity noise that would give a fit by g the same error as
+    the part of this velocity that the columns do not explain.
 
-    velocity : (n, 2), m/s; columns : (n, p), what a velocity can be without a sway, where it counts
-    (zero elsewhere); g : (n, p'), those of them, orthonormal, that north looks like.
+    velocity : (n, 2), m/s; columns : (n, p), courses that a velocity can take without a sway, zero
+    where it does not count; g : (n, p'), orthonormal, those that an error of north resembles.
     """
     basis = np.linalg.qr(columns)[0]
     counts = np.any(columns != 0, axis=1)

@@ -1,4 +1,4 @@
-"""Batches of the steps to come, drawn while a network takes the step before."""
+"""Training batches that are drawn ahead, while the network takes the step before."""
 
 import multiprocessing
 from collections.abc import Iterator
@@ -17,14 +17,16 @@ from lbgc.learning.batches import Examples
 from lbgc.sensor import streams
 
 Batch: TypeAlias = tuple[np.ndarray, ...]
-"""Input, float32 (W, T, C), and what is to be found, (W,), rad."""
+"""Features, float32 (W, T, C), and the angles that the network is to find, (W,), rad."""
 _MOST_PROCESSES = 4
-"""A small network's step takes a third of the time that its batch takes to draw."""
+"""Most processes that draw. A small network's step takes a third of the time that its batch takes
+to draw."""
 
 
 @dataclass(frozen=True)
 class Batches(Dataset[Batch]):
-    """What each step is given. A step's numbers are its own, whoever draws them and when."""
+    """The batch of each training step, by the step's number. A step's random numbers depend on the
+    seed and the step alone, whichever process draws them and when."""
 
     source: Examples
     seed: int
@@ -39,11 +41,11 @@ class Batches(Dataset[Batch]):
 
 @contextmanager
 def ahead(batches: Batches, steps: range, long_steps: bool) -> Iterator[Iterator[Batch]]:
-    """These steps' batches, one after the other.
+    """An iterator over these steps' batches, in order.
 
-    long_steps : of a recurrent network. They gain by every core, and hide what a thread draws
-    beside them. Others take less time than their batches: processes draw, as many as there are
-    cores left beside the one for the network's own arithmetic.
+    long_steps : whether steps take longer than their batches take to draw, as a recurrent network's
+    do. They gain by every core, so one thread draws beside them. Otherwise processes draw, as many
+    as there are cores left beside the one for the network's own arithmetic.
     """
     processes = 0 if long_steps else _processes()
     # Threads that wait for each other's cores make small matrices several times as slow.
@@ -56,37 +58,40 @@ def ahead(batches: Batches, steps: range, long_steps: bool) -> Iterator[Iterator
 
 
 def _processes() -> int:
-    """None inside a process that may have none."""
+    """Number of processes that draw; 0 in a daemonic process, which may start none."""
     if multiprocessing.current_process().daemon:
         return 0
     return min(_MOST_PROCESSES, cores.count() - 1)
 
 
 def _by_processes(count: int, batches: Batches, steps: range) -> Iterator[Batch]:
-    """Batches that processes draw, which end when this iterator is let go, or when their parent is
-    killed."""
+    """Batches drawn by `count` processes, which end when this iterator is deleted, or when their
+    parent is killed."""
     return iter(
         DataLoader(
             batches,
             batch_size=None,
             sampler=steps,
             num_workers=count,
-            collate_fn=_as_it_is,  # small tensors take longer from one process to another
-            worker_init_fn=_alone,
-            generator=torch.Generator(),  # of seeds that nothing uses: the global one stays
+            collate_fn=_unchanged,  # no tensors: small ones take longer between processes
+            worker_init_fn=_one_blas_thread,
+            generator=torch.Generator(),  # for seeds that nothing uses; spares the global one
         )
     )
 
 
-def _as_it_is(batch: Any) -> Any:
+def _unchanged(batch: Any) -> Any:
+    """The batch unchanged."""
     return batch
 
 
-def _alone(_: int) -> None:
+def _one_blas_thread(_: int) -> None:
+    """Limit a process that draws to one BLAS thread."""
     threadpool_limits(1, "blas")
 
 
 def _by_thread(thread: ThreadPoolExecutor, batches: Batches, steps: range) -> Iterator[Batch]:
+    """Batches that one thread draws, each while its predecessor is in use."""
     following = thread.submit(batches.__getitem__, steps[0]) if steps else None
     for step in steps:
         assert following is not None

@@ -1,15 +1,17 @@
-"""New recordings from old ones, of the law of the old: the paper's Algorithm 2, and mixing.
+"""Augmentation: new recordings from old ones, with errors of the same law, by turning (the paper's
+Algorithm 2) and by mixing.
 
-The sensor's errors live in the body. Turning a recording by d about the vertical changes Earth's
-rate in the body by omega(psi + d) - omega(psi) and nothing else, so that is what is added; bias,
-noise and vibration stay as they were. The paper's literal form turns them along with the signal
-(form "literal"): a repeatable body-frame bias then averages out over d and cannot be learned.
+The sensor's errors are fixed in the body. Turning a recording by d about the vertical changes
+Earth's rate in the body by omega(psi + d) - omega(psi) and nothing else, so that difference is
+added; bias, noise and vibration stay as they were. The paper's literal form turns them along with
+the signal (form "literal"): a repeatable body-frame bias then averages out over d and cannot be
+learned.
 
-Mixing: three recordings of one unit, less Earth's rate in each, are the unit's errors u and each
-its own noise, u + n_i. Weights c with sum 1 and sum of squares 1 (a circle of them) make
-u + sum c_i n_i, which has u and the covariance of u + n_i, whatever the sensor is: a fresh draw
-where noise is Gaussian and tilts are small. Noise added on top would come beside the noise that is
-there already: a network would learn a sensor that is noisier than the one it will see.
+Mixing: recording i of three of one unit, less Earth's rate, is u + n_i, the unit's errors u and a
+noise of its own. Weights c with sum 1 and sum of squares 1 (there is a circle of them) make
+u + sum c_i n_i, which has the same u and the same covariance as u + n_i, whatever the sensor is: a
+fresh draw where noise is Gaussian and tilts are small. Noise that is added instead would come on
+top of the noise already there: a network would learn a sensor noisier than the one it will meet.
 """
 
 from collections.abc import Sequence
@@ -19,19 +21,18 @@ import numpy as np
 
 from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned
-from lbgc.errors import require_choice, require_not_negative
-from lbgc.estimators.level import level
+from lbgc.errors import require, require_choice, require_not_negative
 from lbgc.estimators.plate import mean_turn, on_plate, travel_within
-from lbgc.frames import euler_to_matrix, rotation_z, turned
-from lbgc.sensor.imu import Triad
+from lbgc.frames import euler_to_matrix, level, rotation_z, turned
+from lbgc.sensor.imu import ImuModel, Triad
 
 MIXED = 3
-"""Recordings of one unit that make a new one."""
+"""Number of recordings of one unit that are mixed to a new one."""
 
 
 @dataclass(frozen=True)
 class AugmentConfig:
-    """How training windows are varied; every copy draws afresh."""
+    """How training windows are augmented; every copy is drawn afresh."""
 
     rotate: bool = True
     """Turn each copy to a heading drawn from the whole circle."""
@@ -49,12 +50,25 @@ class AugmentConfig:
         require_not_negative(self, "noise", "run_bias")
 
 
+def check_field(config: AugmentConfig, imu: ImuModel) -> None:
+    """Raise InputError where recordings may not be turned or mixed, since what the gyros make of
+    the magnetic field turns with them, and only Earth's rate is known."""
+    for name in ("rotate", "mix"):
+        about = "the gyros feel a magnetic field, whose part in a recording is not known; use "
+        require(
+            not (getattr(config, name) and imu.feels_field),
+            f"augment.{name}",
+            True,
+            f"{about}stream=true, or false here",
+        )
+
+
 def augment(
     config: AugmentConfig, labelled: Labelled, gyro: Triad, rng: np.random.Generator
 ) -> Labelled:
-    """Copies of the windows (one each), labels turned with them; the originals are left alone.
+    """One varied copy of each window, its labels turned with it; the originals stay unchanged.
 
-    gyro : the model of the sensor that recorded them, for the added noise and bias.
+    gyro : the model of the gyros that recorded them, for the added noise and bias.
     """
     windows, rates = labelled.windows, np.array(labelled.windows.gyro)
     reference, truth = labelled.heading_reference, labelled.heading
@@ -77,8 +91,8 @@ def augment(
 
 
 def mix(several: Sequence[Labelled], rng: np.random.Generator) -> Windows:
-    """Three sets of windows, row by row of one unit and one course of the plate, as one that looks
-    where the first does, with errors of the law of any."""
+    """Mix three sets of windows, row by row of one unit and one course of the plate, to one set
+    with the headings of the first and errors of the same law as in each."""
     first, reference = several[0].windows, several[0].heading_reference
     share = rng.uniform(-np.pi, np.pi, len(first)) + 2 * np.pi / MIXED * np.arange(MIXED)[:, None]
     weights = (1 + 2 * np.cos(share)) / MIXED  # (3, W): sum 1, sum of squares 1
@@ -88,13 +102,14 @@ def mix(several: Sequence[Labelled], rng: np.random.Generator) -> Windows:
 
 
 def _sum(weights: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
-    """(3, W) and (W, T, 3) each -> (W, T, 3)"""
+    """Weighted sum, (W, T, 3), of three arrays (W, T, 3). weights : (3, W)."""
     return np.asarray(sum(w[:, None, None] * v for w, v in zip(weights, values, strict=True)))
 
 
 def earth_in_body(windows: Windows, heading: np.ndarray) -> np.ndarray:
-    """In the body, (W, T, 3), at the level that the accelerometers tell: an error of theirs takes
-    part in no difference of two headings, and in a mixture it is that of the mixed ones."""
+    """Earth's rate in the body's axes at these headings, (W, T, 3), rad/s, levelled by the
+    accelerometers. Their errors cancel in the difference of two headings; in a mixture they are
+    those of the mixed accelerometers."""
     angle = windows.plate_angle
     if np.abs(angle - angle[:, :1]).max(initial=0.0) < _MOVES:
         roll, pitch = level(windows.accel.mean(axis=1))

@@ -1,4 +1,4 @@
-"""Where training examples come from: stored recordings, augmented, or recordings drawn afresh."""
+"""Sources of training examples: stored recordings, augmented, or recordings drawn afresh."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -16,33 +16,35 @@ from lbgc.learning.residual import inputs
 from lbgc.sensor.imu import ImuModel, Triad
 
 _AT_ONCE = 5
-"""Recordings whose windows are prepared together"""
+"""Number of recordings whose windows are prepared together."""
 
 
 class Examples(Protocol):
-    """What training asks for batches."""
+    """What training draws its batches from."""
 
     @property
     def fresh(self) -> "Examples | None":
-        """Examples of what is never trained on, of the law that is evaluated on."""
+        """Examples that are never trained on, of the law of what is evaluated; None where there are
+        none."""
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
-        """So many windows of so many steps of the network: features, (W, T, C) float32, and what is
-        to be found, (W,), rad."""
+        """`count` windows of `steps` steps of the network: features, (W, T, C) float32, and the
+        angles that the network is to find, (W,), rad."""
 
 
 @dataclass(frozen=True)
 class Sensed:
-    """Through which eyes a network sees windows."""
+    """How windows become a network's features: its model, its rate and its base's sensor."""
 
     model: ModelConfig
     rate_hz: float
     """Hz, of the network's steps"""
     imu: ImuModel
-    """The sensor by which the network's base weighs"""
+    """The sensor whose noise weights the network's base"""
 
     def examples(self, labelled: Labelled) -> tuple[np.ndarray, np.ndarray]:
-        """Features, and the reference, all that training may know, less the base's heading."""
+        """Features, (W, T, C), and the angles to be found, (W,), rad: the reference, since training
+        may not know the truth, less the base's heading."""
         x, base = inputs(self.model, labelled.windows, self.rate_hz, self.imu)
         off = labelled.heading_reference - base
         return x, off if self.model.base is None else wrap(off)
@@ -50,30 +52,33 @@ class Sensed:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Features of windows that are drawn anew each time."""
+    """Examples whose windows are drawn from a source anew each time."""
 
     source: "Source"
     sensed: Sensed
 
     @property
     def fresh(self) -> "Drawn | None":
+        """Examples from the source's fresh windows, or None where it has none."""
         return None if self.source.fresh is None else Drawn(self.source.fresh, self.sensed)
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
+        """`count` windows of `steps` steps from the source: features and the angles to be found."""
         return self.sensed.examples(self.source.draw(rng, count, steps))
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Windows of recordings whose features take too long to be made more than once."""
+    """Examples that are computed once and kept, because their features take long to compute."""
 
     examples: dict[int, tuple[np.ndarray, ...]]
-    """Features, and what is to be found, of all windows, by their number of steps."""
+    """Features, and the angles to be found, of all windows, by their number of steps."""
     fresh: None = None
+    """There are no fresh examples."""
 
     @classmethod
     def of(cls, sensed: Sensed, recordings: Labelled, lengths: Iterable[int]) -> "Prepared":
-        """Windows that overlap by half."""
+        """Examples of all windows of these lengths, in steps, that overlap by half."""
         block = round(recordings.windows.rate_hz / sensed.rate_hz)
         parts: dict[int, list] = {steps: [] for steps in lengths}
         with tqdm(total=len(recordings), desc="integrating", leave=False, unit="rec") as bar:
@@ -85,20 +90,22 @@ class Prepared:
         return cls({n: tuple(map(np.concatenate, zip(*p, strict=True))) for n, p in parts.items()})
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> tuple[np.ndarray, ...]:
+        """`count` windows of `steps` steps, picked at random with repetition."""
         x, off = self.examples[steps]
         pick = rng.integers(len(x), size=count)
         return x[pick], off[pick]
 
 
 class Source(Protocol):
-    """Where windows come from."""
+    """What labelled windows are drawn from."""
 
     @property
     def fresh(self) -> "Source | None":
-        """A source of windows that are never trained on, of the law that is evaluated on."""
+        """A source of windows that are never trained on, of the law of what is evaluated; None
+        where there is none."""
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
-        """So many windows of so many samples, each from its own recording and offset."""
+        """`count` windows of `steps` samples, each from its own recording and offset."""
 
 
 @dataclass(frozen=True)
@@ -107,18 +114,23 @@ class Stored:
 
     recordings: Labelled
     units: np.ndarray
-    """(R,), whose sensor each is of: mixed are recordings of one."""
+    """(R,), number of each recording's unit: only recordings of one unit are mixed."""
     config: AugmentConfig
     gyro: Triad
     fresh: None = None
+    """There are no fresh windows."""
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
+        """`count` windows of `steps` samples from random recordings and offsets, augmented. A
+        window is mixed where its unit has three recordings or more."""
         rows = rng.integers(len(self.recordings), size=count)
         latest = self.recordings.windows.gyro.shape[1] - steps
         starts = rng.integers(latest + 1, size=len(rows))
         drawn = crop(self.recordings, rows, starts, steps)
         if self.config.mix:
-            others = [crop(self.recordings, r, starts, steps) for r in self._mates(rng, rows)]
+            others = [
+                crop(self.recordings, r, starts, steps) for r in self._others_of_unit(rng, rows)
+            ]
             alone = np.bincount(self.units)[self.units[rows]] < MIXED
             mixed, own = mix([drawn, *others], rng), drawn.windows
             windows = replace(
@@ -129,8 +141,9 @@ class Stored:
             drawn = replace(drawn, windows=windows)
         return augment(self.config, drawn, self.gyro, rng)
 
-    def _mates(self, rng: np.random.Generator, rows: np.ndarray) -> list[np.ndarray]:
-        """For each row two others of its unit; the row itself where it has no two."""
+    def _others_of_unit(self, rng: np.random.Generator, rows: np.ndarray) -> list[np.ndarray]:
+        """Two other recordings of each row's unit, (W,) twice; the row itself where its unit has no
+        two others."""
         order, place = self._order
         sizes = np.bincount(self.units)
         first, size = np.cumsum(sizes) - sizes, sizes[self.units[rows]]
@@ -144,7 +157,7 @@ class Stored:
 
     @cached_property
     def _order(self) -> tuple[np.ndarray, np.ndarray]:
-        """Recordings unit by unit, and each one's place within its own."""
+        """The recordings ordered by unit, and each recording's place within its unit, (R,) each."""
         order = np.argsort(self.units, kind="stable")
         sizes = np.bincount(self.units)
         place = np.empty(len(order), int)
@@ -153,7 +166,7 @@ class Stored:
 
 
 def crop(recordings: Labelled, rows: np.ndarray, starts: np.ndarray, steps: int) -> Labelled:
-    """One window of `steps` samples from each of these rows, from these starts on."""
+    """One window of `steps` samples from each of these rows, beginning at these samples."""
     whole = recordings.windows
     pick = rows[:, None], starts[:, None] + np.arange(steps)
     windows = Windows(
@@ -172,7 +185,8 @@ def crop(recordings: Labelled, rows: np.ndarray, starts: np.ndarray, steps: int)
 
 
 def every(recordings: Labelled, steps: int, overlap: int = 1) -> Labelled:
-    """All consecutive windows of this many samples of all rows, so many times each sample."""
+    """All consecutive windows of `steps` samples of all recordings, each beginning 1/overlap of a
+    window after the one before."""
     n, hop = recordings.windows.gyro.shape[1], max(1, steps // overlap)
     starts = np.arange(0, n - steps + 1, hop)
     rows = np.repeat(np.arange(len(recordings)), len(starts))

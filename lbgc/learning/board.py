@@ -1,4 +1,4 @@
-"""A training's metrics where TensorBoard looks for them."""
+"""A training's metrics as TensorBoard's event files."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,7 +7,8 @@ from lbgc.errors import InputError
 
 
 def write(directory: Path, row: Mapping[str, float]) -> None:
-    """One look at the validation split. Raises InputError where TensorBoard is not installed."""
+    """Write the metrics of one look at the validation split, a row of the history, to a directory.
+    Raises InputError where TensorBoard is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Where a training stands, in one file: tensors and JSON in safetensors' layout, no code in it."""
+"""A training's checkpoint in one file: tensors and JSON in safetensors' layout, without code."""
 
 import json
 import re
@@ -18,9 +18,10 @@ AGAIN = "delete it to start anew"
 
 
 def write(file: Path, groups: Mapping[str, Mapping[str, Tensor]], said: Mapping[str, Any]) -> None:
-    """Whole or not at all: a training that is killed meanwhile goes on from the one before.
+    """Write a checkpoint, whole or not at all: a training that is killed meanwhile goes on from the
+    checkpoint before.
 
-    groups : name -> tensors by name; said : JSON-able.
+    groups : name of a group -> its tensors by name; said : counters, which JSON can hold.
     """
     flat = {
         f"{group}/{name}": value.detach().cpu().contiguous().clone()
@@ -32,7 +33,8 @@ def write(file: Path, groups: Mapping[str, Mapping[str, Tensor]], said: Mapping[
 
 
 def read(file: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, Any]]:
-    """What `write` was given. Raises InputError where the file is damaged."""
+    """A checkpoint's groups of tensors and its counters, as `write` was given them. Raises
+    InputError where the file is damaged."""
     groups: dict[str, dict[str, Tensor]] = {}
     with reading("checkpoint", file, f"is damaged; {AGAIN}"):
         content = read_file(file)

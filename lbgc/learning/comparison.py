@@ -1,4 +1,4 @@
-"""One table of training runs: size, error with its spread over seeds, latency."""
+"""The table that compares training runs: size, error with its spread over seeds, latency."""
 
 import csv
 import io
@@ -23,20 +23,21 @@ _REPEATS = 20
 
 @dataclass(frozen=True)
 class Row:
-    """Runs that differ in nothing but their seed."""
+    """One row of the table: all runs that differ in nothing but their seed."""
 
     model: str
     dataset: str
     changed: str
-    """What of the training's configuration differs from another row's, key=value."""
+    """Keys of the training's configuration that differ between rows, key=value."""
     parameters: int
     seeds: int
+    """Number of runs."""
     rmse_deg: float
     """Mean over seeds of the validation RMSE over all window lengths, against the reference."""
     spread_deg: float
     """Standard deviation of that RMSE over seeds; NaN for one."""
     latency_ms: float
-    """Latency of one window of the longest length, median, on this machine."""
+    """Median latency of one window of the longest length, on this machine."""
 
 
 def show(directories: Sequence[Path]) -> None:
@@ -46,6 +47,7 @@ def show(directories: Sequence[Path]) -> None:
 
 
 def tabulated(found: Sequence[tuple[Path, dict[str, Any]]]) -> Path:
+    """Print the table of runs and their descriptions, write it as CSV, and return that path."""
     rows = compare(found)
     print(table(rows))
     out = io.StringIO()
@@ -59,8 +61,8 @@ def tabulated(found: Sequence[tuple[Path, dict[str, Any]]]) -> Path:
 
 
 def runs(directory: Path) -> list[tuple[Path, dict[str, Any]]]:
-    """Finished runs, with their descriptions. Raises InputError where there is none; a training
-    that has not ended has no description, and is left out, as is what is damaged."""
+    """The finished runs in a directory, with their descriptions. A training that has not ended has
+    no description and is left out, as is a damaged one. Raises InputError where none is left."""
     files = [f for f in sorted(directory.glob(f"*/{DESCRIPTION}")) if not f.parent.is_symlink()]
     good = []
     for file in files:
@@ -74,6 +76,7 @@ def runs(directory: Path) -> list[tuple[Path, dict[str, Any]]]:
 
 
 def compare(found: Sequence[tuple[Path, dict[str, Any]]]) -> list[Row]:
+    """The rows of the table of runs and their descriptions, by dataset and error."""
     groups: dict[str, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
     for run, said in found:
         content = {k: v for k, v in _flat(said["training"]).items() if k not in ("seed", "data")}
@@ -97,13 +100,13 @@ def compare(found: Sequence[tuple[Path, dict[str, Any]]]) -> list[Row]:
 
 
 def _dataset(said: dict[str, Any]) -> str:
-    """Identity of what a run was trained on: of one dataset, or of several."""
+    """Identity of the dataset that a run was trained on, or those of several, joined by +."""
     own = said["dataset"]
     return own if isinstance(own, str) else "+".join(own)
 
 
 def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested keys joined by dots."""
+    """Nested dictionaries as one, with their keys joined by dots."""
     flat: dict[str, Any] = {}
     for key, value in content.items():
         if isinstance(value, dict):
@@ -114,6 +117,7 @@ def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _latency_ms(run: Path, said: dict[str, Any]) -> float:
+    """Median latency, ms, of a run's network on one window of its longest length."""
     net, _ = load_net(run)
     steps = round(max(said["training"]["windows_s"]) * said["rate_hz"])
     x = np.zeros((1, steps, net.config.features), np.float32)
@@ -126,6 +130,7 @@ def _latency_ms(run: Path, said: dict[str, Any]) -> float:
 
 
 def table(rows: list[Row]) -> str:
+    """The rows as text, RMSE in degrees and latency in ms."""
     lines = [
         "validation RMSE over all window lengths, degrees; latency of one window, ms",
         f"{'model':16s} {'parameters':>10s} {'seeds':>5s} {'RMSE':>8s} {'spread':>8s} "

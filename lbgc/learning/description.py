@@ -1,4 +1,4 @@
-"""What a finished training run says of itself, `model.json`: sealed, so that damage is noticed."""
+"""The description of a finished training run, `model.json`, with checksums that reveal damage."""
 
 import hashlib
 import json
@@ -15,14 +15,14 @@ from lbgc.sensor.datasheet import ImuConfig
 
 DESCRIPTION = "model.json"
 FORMAT = 5
-"""Changes whenever what a run holds would be misread by a version of another number."""
+"""Version of the format; it changes whenever another version would misread a run."""
 AGAIN = "train it again: python lbgc/train.py data=PATH"
 _OWN = re.compile(r'"checksum": "([0-9a-f]{64})"')
 
 
 @dataclass(frozen=True)
 class _Units:
-    """Whose sensors it was trained on."""
+    """The units that a network was trained on: their seed, their number, and their sensor."""
 
     unit_seed: int
     units: int
@@ -31,7 +31,7 @@ class _Units:
 
 @dataclass(frozen=True)
 class Description:
-    """Every key of `model.json`, as it is checked when it is read."""
+    """Every key of `model.json`, for checking the file when it is read."""
 
     format: int
     model: ModelConfig
@@ -44,7 +44,7 @@ class Description:
     dataset: str | list[str]
     protocol: str
     latitude_deg: list[float]
-    """[low, high] that it was trained at."""
+    """[low, high], the latitudes that it was trained at."""
     imu_rate_hz: float
     units: _Units
     seconds: float
@@ -62,15 +62,17 @@ class Description:
 
 
 def compose(said: Mapping[str, Any], weights: bytes) -> bytes:
-    """The file's content. said : what the run has to say, but for format and checksums."""
+    """The content of `model.json`. said : its keys but for the format and checksums; weights : the
+    content of the file of weights."""
     own = {"weights": hashlib.sha256(weights).hexdigest(), "checksum": UNSEALED}
     return seal(as_json({"format": FORMAT, **said, **own}).encode() + b"\n")
 
 
 def parse(content: bytes, name: str, where: object) -> dict[str, Any]:
-    """What `compose` was given, and format and checksums.
+    """The keys of `model.json`, format and checksums included, from its content.
 
     Raises InputError, naming the parameter `name`, where it is of another format or damaged.
+    where : the file as an error names it.
     """
     with reading(name, where, "holds a damaged model"):
         said = json.loads(content)

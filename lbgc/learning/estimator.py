@@ -29,19 +29,21 @@ _TELLING = 4
 
 @dataclass(eq=False)
 class Learned:
-    """A trained network that works at its own means rate; what is faster is averaged down to it."""
+    """A trained network as an estimator. It works at its own rate of means; faster windows are
+    averaged down to it."""
 
     config: ModelConfig
     compute: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    """Features (W, T, C) float32 -> (heading less the base's, sigma), both (W,), rad."""
+    """Features (W, T, C) float32 -> (heading less the base's, sigma), both (W,), rad"""
     rate_hz: float
     sensor: str
     trained_on: ImuModel
-    """The sensor that its base weighs by."""
+    """The sensor whose noise weights its base"""
 
     @classmethod
     def load(cls, run: str | Path) -> "Learned":
-        """The network in a run's directory. Raises InputError where there is no whole model."""
+        """The network in a run's directory, run by PyTorch. Raises InputError where there is no
+        whole model."""
         net, said = load_net(run)
         config = net.config
         return cls.described(config, lambda x: compute_torch(net, x), said)
@@ -53,13 +55,15 @@ class Learned:
         compute: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
         said: Mapping[str, Any],
     ) -> "Learned":
-        """said : a run's description."""
+        """A network that is run by `compute`, with its rate and sensor from a run's description,
+        said."""
         sensor = build(ImuConfig, said["units"]["imu"])
         imu = sensor.model(float(said["imu_rate_hz"]))
         return cls(config, compute, float(said["rate_hz"]), str(said["sensor"]), imu)
 
     @property
     def name(self) -> str:
+        """The network's name in tables."""
         return self.config.name
 
     def __call__(self, windows: Windows, imu: ImuModel | None = None) -> Estimate:
@@ -85,8 +89,8 @@ class Learned:
         return Estimate(wrap(base + heading), sigma)
 
     def _check_alive(self, windows: Windows) -> None:
-        """Raise InputError where a sensor that the network sees gives one and the same number: at
-        four samples or more, for two or three may agree by chance, or nought."""
+        """Raise InputError where an axis that the network sees is constant over a window. In
+        windows of fewer than four samples, which may agree by chance, only zeros are refused."""
         whole = self.config.base is not None or self.config.sways
         seen = ("gyro", "accel") if whole else self.config.channels
         for name in ("gyro", "accel"):
@@ -96,7 +100,7 @@ class Learned:
                 constant &= values[:, 0] == 0.0
             if name in seen and constant.any():
                 row, axis = np.argwhere(constant)[0]
-                value = values[row, 0, axis] + 0.0  # without the sign of nought
+                value = values[row, 0, axis] + 0.0  # turns -0.0 to 0.0
                 what = f"at every sample of window {row}: a stuck sensor, not a measurement"
                 raise InputError(f"{name}'s {'xyz'[axis]} axis", f"{value:g}", "", what)
 
@@ -110,7 +114,7 @@ def load_net(run: str | Path) -> tuple[HeadingNet, dict[str, Any]]:
             raise ValueError(f"{WEIGHTS} is not as it was written")
         config = build(ModelConfig, said["model"])
         weights = load(content)
-        with torch.device("meta"):  # sizes, before there is memory for them
+        with torch.device("meta"):  # shapes alone, without memory for the values
             wanted = {name: value.shape for name, value in HeadingNet(config).state_dict().items()}
         if {name: value.shape for name, value in weights.items()} != wanted:
             raise ValueError(f"{WEIGHTS} holds another network's")

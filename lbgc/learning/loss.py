@@ -1,4 +1,4 @@
-"""What training makes small."""
+"""The loss functions that training minimises."""
 
 import math
 
@@ -13,12 +13,12 @@ def cyclic_error_deg(truth_deg: Tensor, estimate_deg: Tensor) -> Tensor:
 
 
 def cyclic_mse(truth_deg: Tensor, estimate_deg: Tensor) -> Tensor:
-    """The paper's Algorithm 1, deg^2."""
+    """Mean square of the error on the circle, deg^2 (the paper's Algorithm 1)."""
     return cyclic_error_deg(truth_deg, estimate_deg).square().mean()
 
 
 def vector_mse(truth_deg: Tensor, sincos: Tensor) -> Tensor:
-    """Squared distance of (sine, cosine), W rows of them, to the truth's point on the unit circle.
+    """Mean squared distance of points (sine, cosine), (W, 2), from the truth's on the unit circle.
 
     For small errors of unit length it is the squared error in rad^2. Unlike the cyclic MSE of an
     angle it has no flat far side and no jump at 180 degrees; its minimum is the mean direction.
@@ -33,12 +33,12 @@ def von_mises_nll(
 ) -> Tensor:
     """Mean negative logarithm of the von Mises density exp(kappa cos e)/(2 pi I0(kappa)), in nats.
 
-    reference_sigma : rad, the reference's own error, 1 sigma: what scatters about the estimate is
-    the truth with 1/kappa and the reference about it, in all 1/kappa + reference_sigma^2 (exact
-    where both are narrow, and where either is nought), so that kappa is the truth's.
+    reference_sigma : rad, 1 sigma of the reference's own error. The truth scatters about the
+    estimate with 1/kappa, and the reference about the truth, in all 1/kappa + reference_sigma^2
+    (exact where both are narrow, and where either is zero), so that kappa is that of the truth.
 
-    In double precision, with I0 scaled by exp(-kappa) and 1 - cos e as 2 sin^2(e/2): neither
-    overflows nor cancels, down to errors of an arcsecond.
+    It is computed in double precision, with I0 scaled by exp(-kappa) and 1 - cos e as
+    2 sin^2(e/2): neither overflows nor cancels, down to errors of an arcsecond.
     """
     error = torch.deg2rad(cyclic_error_deg(reference_deg, estimate_deg)).double()
     kappa = 1 / (torch.exp(-log_kappa.double()) + reference_sigma**2)

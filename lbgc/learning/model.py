@@ -17,31 +17,35 @@ from lbgc.learning.filter import Filter
 from lbgc.units import STANDARD_GRAVITY
 
 CHANNELS = {"gyro": 3, "accel": 3, "plate": 2, "sway": sway.PER_STEP + sway.CONSTANTS}
-"""What a model may see, and how many features it makes: the plate's angle as cosine and sine, a
-base that sways as lbgc.learning.sway says."""
+"""The channels that a model may see, and the number of features of each: the plate's angle is
+cosine and sine, a base that sways as lbgc.learning.sway says."""
 RESIDUAL_CHANNELS = {"gyro": 5, "accel": 5, "plate": 2}
-"""Features of each channel of a window turned by its own classical estimate; see
+"""Number of features of each channel of a window that is turned by its own classical estimate; see
 lbgc.learning.residual."""
 CONSTANTS = 4
-"""More features of such a window: sine and cosine of the estimate, the window's length, and the
-latitude, by what it makes of Earth's rate."""
+"""Number of further features of such a window: sine and cosine of the estimate, the window's
+length, and the logarithm of the latitude's cosine, to which Earth's horizontal rate is
+proportional."""
 OUTPUTS = {"sincos": 2, "degrees": 1, "vonmises": 3}
+"""Kinds of output, and how many numbers each has."""
 RECURRENT = {"lstm": nn.LSTM, "gru": nn.GRU, "rnn": nn.RNN}
 MOMENTS = 4
+"""Number of Legendre moments over time of each feature."""
 LENGTHS = 16
-"""Window lengths of 1, 2, 4... samples, between which what tempers the concentration is linear."""
+"""Number of window lengths, 1, 2, 4... samples, between which the tempering of the concentration is
+interpolated linearly."""
 _LOG_KAPPA = (-10.0, 25.0)
 _NODES = 256
 _DEGREES = 180 / math.pi
-"""Degrees in a radian; torch.rad2deg is more than every exporter knows."""
+"""Degrees in a radian; not every exporter knows torch.rad2deg."""
 
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """What `conf/model/*.yaml` holds."""
+    """A network's architecture: the keys of `conf/model/*.yaml`."""
 
     name: str = "bilstm_24"
-    """How tables call it."""
+    """Its name in tables."""
     cell: str = "lstm"
     """lstm, gru, rnn: recurrent, in both directions. pool: moments over the window's time, then
     layers without memory; fast, and enough for errors that are nearly Gaussian. filter: weights of
@@ -83,18 +87,19 @@ class ModelConfig:
 
     @property
     def sways(self) -> bool:
-        """Whether it takes samples of a base that sways, not means of one that rests."""
+        """Whether the network takes samples on a base that sways, not means on one that rests."""
         return "sway" in self.channels
 
     @property
     def features(self) -> int:
+        """Number of features a step of the network."""
         if self.base is None or self.sways:
             return sum(CHANNELS[c] for c in self.channels)
         return sum(RESIDUAL_CHANNELS[c] for c in self.channels) + CONSTANTS
 
 
 def features(config: ModelConfig, windows: Windows) -> np.ndarray:
-    """The input of a network without a base, float32 (W, T, C): normalised by physics (Earth's
+    """The features of a network without a base, float32 (W, T, C), normalised by physics (Earth's
     rate, g), not by data.
 
     Raises InputError where a value is not finite.
@@ -111,11 +116,11 @@ def features(config: ModelConfig, windows: Windows) -> np.ndarray:
 
 
 class HeadingNet(nn.Module):
-    """Many to one: windows of any length T to a heading, or to a correction of the base's.
+    """A network from windows of any length T to one heading each, or to a correction of the base's.
 
-    A correction is a point (1 + scale c, scale s) of the plane, whose direction is taken: if all
-    that is wrong is a body-frame bias, known and without noise, then c and s are linear in the
-    features, which the layer `skip` finds at once.
+    A correction is the direction of a point (1 + scale c, scale s) in the plane: if the only error
+    is a body-frame bias, known and without noise, then c and s are linear in the features, and the
+    layer `skip` finds them at once.
     """
 
     scale: Tensor
@@ -153,13 +158,13 @@ class HeadingNet(nn.Module):
                 nn.init.zeros_(layer.bias)
 
     def _last_layers(self) -> list[nn.Linear]:
-        """Zero at first, so that training starts from the base itself."""
+        """Layers that are zero at first, so that training starts from the base itself."""
         if self.config.cell == "pool":
             return [self.skip, self.pool.out]
         return [self.skip, self.forward_head, self.backward_head]
 
     def forward(self, x: Tensor) -> Tensor:
-        """x : (W, T, C). Returns the raw output: (W, 2) sine and cosine, (W, 1) degrees, or
+        """The raw output for features x, (W, T, C): (W, 2) sine and cosine, (W, 1) degrees, or
         (W, 3) sine, cosine and logarithm of the concentration."""
         length = (x[0, :, 0] * 0 + 1).sum()
         if self.config.cell == "filter":
@@ -177,16 +182,17 @@ class HeadingNet(nn.Module):
         return self._tempered(raw, length) if self.config.output == "vonmises" else raw
 
     def _tempered(self, raw: Tensor, length: Tensor) -> Tensor:
-        """The concentration's logarithm made true by what calibration found at this length: less or
-        more, and less or more spread from window to window."""
+        """The raw output with the concentration's logarithm corrected, by an offset and by a factor
+        on its spread from window to window, as calibrated at this length, in samples."""
         nodes = torch.arange(LENGTHS, device=raw.device, dtype=raw.dtype)
         between = torch.clamp(1 - torch.abs(torch.log2(length) - nodes), min=0)  # (LENGTHS,)
         more, wider = (between * self.tempering).sum(dim=1)
         return torch.cat([raw[:, :2], raw[:, 2:] * (1 + wider) + more], dim=1)
 
     def temper(self, lengths: np.ndarray, more: np.ndarray, wider: np.ndarray) -> None:
-        """Make the concentration's logarithm l into l (1 + wider) + more at windows of these many
-        samples, ascending; in between, in proportion; beyond, as at the end."""
+        """Change the concentration's logarithm l to l (1 + wider) + more for windows of these
+        lengths, samples, ascending. Both are interpolated over the length's logarithm, and constant
+        beyond the first and the last."""
         at = np.arange(LENGTHS)
         added, stretched = (
             torch.from_numpy(np.interp(at, np.log2(lengths), v)).to(self.tempering)
@@ -197,29 +203,32 @@ class HeadingNet(nn.Module):
         self.tempering[1] = spread * (1 + stretched) + stretched
 
     def _ends(self, x: Tensor) -> Tensor:
+        """Final hidden states of all layers in both directions, (2 layers, W, H)."""
         _, state = self.recurrent(x)
         return state[0] if self.config.cell == "lstm" else state
 
     def _corrected(self, raw: Tensor) -> Tensor:
-        """The outputs from units of the scale to those of every network: (W, outputs)."""
+        """A correction's outputs, from units of `scale` to the units of every network's outputs,
+        (W, outputs)."""
         if self.config.output == "degrees":
             return raw * self.scale * _DEGREES
         direction = raw[:, :2] * self.scale + torch.tensor([0.0, 1.0], device=raw.device)
         return torch.cat([direction, raw[:, 2:] - 2 * torch.log(self.scale)], dim=1)
 
     def heading_deg(self, raw: Tensor) -> Tensor:
-        """The heading (less the base's) that a raw output means, (W,), degrees."""
+        """The heading (less the base's) of a raw output, (W,), degrees."""
         if self.config.output == "degrees":
             return raw[:, 0]
         return torch.atan2(raw[:, 0], raw[:, 1]) * _DEGREES
 
     def log_kappa(self, raw: Tensor) -> Tensor:
-        """Logarithm of the von Mises concentration that a raw output means, (W,)."""
+        """Logarithm of the von Mises concentration of a raw output, (W,)."""
         return raw[:, 2].clamp(*_LOG_KAPPA)
 
 
 class _Pool(nn.Module):
-    """Moments over time and means of squashed features, through layers without memory."""
+    """The pooling network: moments over time and means of squashed features, through layers without
+    memory."""
 
     def __init__(self, config: ModelConfig, outputs: int):
         super().__init__()
@@ -231,7 +240,7 @@ class _Pool(nn.Module):
         self.out = nn.Linear(size, outputs)
 
     def forward(self, x: Tensor) -> Tensor:
-        squashed = torch.tanh(self.encode(x)).mean(dim=1)  # (W, H): a knock counts no more than so
+        squashed = torch.tanh(self.encode(x)).mean(dim=1)  # (W, H): bounds what a knock counts
         h = torch.cat([moments(x), squashed], dim=1)  # (W, 4 C + H)
         for layer in self.inside:
             h = torch.tanh(layer(h))  # (W, H)
@@ -239,8 +248,9 @@ class _Pool(nn.Module):
 
 
 def moments(x: Tensor) -> Tensor:
-    """Means over time of x (W, T, C) times the first Legendre polynomials of it, (W, 4 C): what
-    weights that vary slowly along a window make of it."""
+    """Legendre moments of features, (W, 4 C): means over time of x, (W, T, C), times the first four
+    Legendre polynomials of time. Any weighting that varies slowly along a window is made of them.
+    """
     count = x.shape[1]
     t = (2 * torch.arange(count, device=x.device, dtype=x.dtype) + 1) / count - 1  # (T,)
     weights = torch.stack([t * 0 + 1, t, (3 * t**2 - 1) / 2, (5 * t**3 - 3 * t) / 2])  # (4, T)
@@ -248,8 +258,9 @@ def moments(x: Tensor) -> Tensor:
 
 
 def von_mises_sigma(log_kappa: Tensor) -> Tensor:
-    """RMS angle from its middle, rad, of a von Mises density, (W,): 1/sqrt(kappa) where it is
-    narrow, pi/sqrt(3) where it is flat. By quadrature over all of it, or twelve of its widths."""
+    """RMS angle from the mean direction, rad, of von Mises densities, (W,): 1/sqrt(kappa) where
+    they are narrow, pi/sqrt(3) where they are flat. By quadrature over the whole circle, or twelve
+    widths either way."""
     kappa = torch.exp(log_kappa)[:, None]
     reach = torch.clamp(12 / torch.sqrt(kappa), max=math.pi)
     nodes = (torch.arange(_NODES, device=kappa.device, dtype=kappa.dtype) + 0.5) / _NODES
@@ -266,4 +277,5 @@ def make(config: ModelConfig, seed: int) -> HeadingNet:
 
 
 def parameter_count(net: nn.Module) -> int:
+    """Number of a network's trainable parameters."""
     return sum(p.numel() for p in net.parameters())

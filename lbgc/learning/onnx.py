@@ -21,14 +21,15 @@ INPUT, OUTPUTS = "features", ("heading", "sigma")
 _SAID, _SEALED = "lbgc", "lbgc_checksum"
 _OWN = re.compile(_SEALED.encode() + rb"\x12\x40([0-9a-f]{64})")
 _EXAMPLE = (3, 7)
-"""Windows and samples that the graph is traced with: neither 1 nor alike, so both stay free."""
+"""Numbers of windows and samples that the graph is traced with: they are not 1 and differ, so that
+both stay free."""
 _FREE = ("windows", "samples")
 _OPSET = 18
 
 
 class _Graph(nn.Module):
-    """Features (W, T, C) to the heading less the base's and its sigma, rad, (W,); NaN for a network
-    that states none."""
+    """The graph that is exported: features (W, T, C) to the heading less the base's and its sigma,
+    rad, (W,) each; the sigma is NaN for a network that states none."""
 
     def __init__(self, net: HeadingNet):
         super().__init__()
@@ -43,13 +44,13 @@ class _Graph(nn.Module):
 
 
 def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
-    """said : the run's description, which the file then carries. Raises InputError where the
-    packages for it are missing."""
+    """Write a network to an ONNX file. said : the run's description, which the file carries in its
+    metadata. Raises InputError where the packages for it are missing."""
     onnx = _needed("onnx")
     _needed("onnxscript")
     graph, x = _Graph(net).eval(), torch.zeros(*_EXAMPLE, net.config.features)
     names: dict[str, Any] = {"input_names": [INPUT], "output_names": list(OUTPUTS)}
-    if net.config.cell == "rnn":  # exported as others are it is written out for one window length
+    if net.config.cell == "rnn":  # the export below would fix it to one window length
         with warnings.catch_warnings(action="ignore"):
             torch.onnx.export(graph, (x,), file, dynamo=False, opset_version=_OPSET,
                               dynamic_axes={INPUT: dict(enumerate(_FREE))}, **names)  # fmt: skip
@@ -68,8 +69,11 @@ def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
 
 
 def load(file: str | Path, threads: int = 0) -> Learned:
-    """An exported network as an estimator, run by ONNX Runtime on so many threads; 0: as many as
-    it thinks best. Raises InputError."""
+    """An exported network as an estimator, run by ONNX Runtime.
+
+    threads : number of threads; 0: as many as ONNX Runtime chooses. Raises InputError where the
+    file is missing, damaged, or none of lbgc's, or where ONNX Runtime is not installed.
+    """
     runtime = _needed("onnxruntime")
     if not Path(file).is_file():
         raise InputError("file", file, "", "is not there; python lbgc/export.py run=RUN makes one")
@@ -77,7 +81,8 @@ def load(file: str | Path, threads: int = 0) -> Learned:
     options.intra_op_num_threads = threads
     with reading("file", file, "holds no model of lbgc's"):
         content = Path(file).read_bytes()
-        # Before ONNX Runtime sees any of it: the protocol buffer's tag of a value, its length, it.
+        # The checksum is compared before ONNX Runtime sees any of the file. _OWN finds it there by
+        # the protocol buffer's tag and length that stand before its value.
         own = _OWN.search(content)
         if own is None or not is_sealed(content, own[1].decode()):
             raise ValueError("it is not as python lbgc/export.py wrote it")
@@ -92,6 +97,7 @@ def load(file: str | Path, threads: int = 0) -> Learned:
 
 
 def _needed(package: str) -> Any:
+    """The module of an optional package. Raises InputError where it is not installed."""
     try:
         return __import__(package)
     except ImportError as error:

@@ -1,7 +1,7 @@
 """Domain randomisation: training windows of sensors and places that differ from the dataset's, so
-that a network does not lean on what its user's own sensor and place may not be like.
+that a network does not rely on properties that its user's own sensor and place may not have.
 
-Only what training is given is varied; validation, and all evaluation, is of the dataset as it is.
+Only training windows are varied; validation, and all evaluation, use the dataset as it is.
 """
 
 from dataclasses import dataclass, replace
@@ -20,14 +20,14 @@ from lbgc.units import factor
 
 @dataclass(frozen=True)
 class RandomiseConfig:
-    """How far training may go from the dataset; nowhere, unless asked."""
+    """How far training windows may differ from the dataset; by default they do not."""
 
     latitude: tuple[float, ...] | None = None
     """[low, high] in degrees, from which each batch draws its own; null: the dataset's."""
     noise: float = 0.0
-    """Most in-run noise that a window may have on top, as a share of the sensor's own (1 sigma)."""
+    """Most in-run noise added to a window, as a share of the sensor's own (1 sigma)."""
     run_bias: float = 0.0
-    """Most run bias that a window may have on top, as a share of the sensor's own (1 sigma)."""
+    """Most run bias added to a window, as a share of the sensor's own (1 sigma)."""
     vibration_deg_per_h: float = 0.0
     """Largest amplitude of a vibration about each axis; each window draws its own."""
     vibration_hz: tuple[float, ...] = (45.0, 51.0)
@@ -44,13 +44,14 @@ class RandomiseConfig:
 
     @property
     def is_on(self) -> bool:
+        """Whether anything is varied."""
         return self.latitude is not None or any((self.noise, self.run_bias,
                                                  self.vibration_deg_per_h))  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Randomised:
-    """A source's windows, each varied."""
+    """A source whose windows are those of another source, each varied."""
 
     source: Source
     config: RandomiseConfig
@@ -58,9 +59,12 @@ class Randomised:
 
     @property
     def fresh(self) -> Source | None:
+        """The underlying source's fresh windows, which are not varied."""
         return self.source.fresh
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
+        """`count` windows of `steps` samples from the underlying source, varied. A batch has one
+        latitude."""
         drawn = self.source.draw(rng, count, steps)
         if self.config.latitude is not None:
             low, high = self.config.latitude
@@ -69,7 +73,7 @@ class Randomised:
         return replace(drawn, windows=replace(own, gyro=own.gyro + self._more(rng, own)))
 
     def _more(self, rng: np.random.Generator, windows: Windows) -> np.ndarray:
-        """Errors of the gyro beside those that it has, (W, T, 3)."""
+        """Errors that are added to the gyros' own, (W, T, 3), rad/s: run bias, noise, vibration."""
         count, steps, _ = windows.gyro.shape
         interval, gyro = 1 / windows.rate_hz, self.imu.gyro
         share = rng.uniform(0, 1, (3, count, 1, 1))
@@ -81,7 +85,7 @@ class Randomised:
         if self.config.vibration_deg_per_h > 0:
             size = self.config.vibration_deg_per_h * factor("vibration_deg_per_h")
             low, high = self.config.vibration_hz
-            hz = rng.uniform(low, high)  # of a batch
+            hz = rng.uniform(low, high)  # one frequency a batch
             for axis in range(3):
                 phase = rng.uniform(0, 2 * np.pi, (count,))
                 tone = vibration(size, float(hz), phase, steps, interval)
@@ -90,10 +94,11 @@ class Randomised:
 
 
 def moved(labelled: Labelled, latitude: float) -> Labelled:
-    """Windows as they would be at another latitude, rad: Earth's rate and gravity are its own.
+    """Windows as they would be at another latitude, rad, with Earth's rate and gravity of that
+    latitude.
 
-    Accelerometers' bias leans the level by as much as before, and through it the heading by as much
-    as it did where the windows come from.
+    The accelerometers' bias tilts the level by as much as before, and thereby turns the heading by
+    as much as it did at the windows' own latitude.
     """
     windows, psi = labelled.windows, labelled.heading_reference
     there = replace(windows, latitude=np.full(len(windows), latitude))

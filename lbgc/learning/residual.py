@@ -1,12 +1,12 @@
-"""A window turned by its own classical estimate, so that it looks as if it pointed north: what a
-network then has to find is a correction.
+"""Features of windows that are turned by their own classical estimate, as if they pointed north, so
+that a network has to find a correction only.
 
-Rates and forces less what a level IMU would feel there, divided by Earth's horizontal rate and by
-g: an error of either is then in radians, of heading and of tilt. They are given in axes that point
-north (three of each triad) and in those of the body (the horizontal two): what moves the heading
-shows in the first, what a sensor's bias does in the second, and their moments are all that is to be
-known of both, however the plate turns. Sine and cosine of the estimate are given besides: a bias
-that always stays with the body moves the heading by a function of it.
+The rates and forces that a level IMU would feel there are subtracted, and what remains is divided
+by Earth's horizontal rate and by g: an error of either is then in radians, of heading and of tilt.
+These residuals are given in axes that point north (three of each triad) and in those of the body
+(the horizontal two): an error of heading shows in the first, a sensor's bias in the second, and
+their moments are all that is to be known of both, however the plate turns. Sine and cosine of the
+estimate are given besides: a bias that stays with the body moves the heading by a function of them.
 """
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ def inputs(
     config: ModelConfig, windows: Windows, rate_hz: float, imu: ImuModel | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """A network's features, float32 (W, T, C), at its own rate, and the headings that it corrects,
-    (W,), rad: zero without a base. imu : the sensor, which some bases weigh by.
+    (W,), rad: zero without a base. imu : the sensor's model, which weights some bases.
 
     Raises InputError where a value is not finite, where the windows' rate is no whole multiple of
     the network's, or where the base refuses the windows.
@@ -53,14 +53,16 @@ def inputs(
 
 
 def base_heading(name: str, windows: Windows, imu: ImuModel | None) -> np.ndarray:
-    """(W,), rad. As if each window were a recording of its own, for a prediction is a function of
-    the window alone: it begins at zero time and angle."""
+    """The base's heading of each window, (W,), rad. Each window is taken as a recording of its own
+    that begins at zero time and angle, since a prediction is a function of its window alone."""
     first = windows.plate_angle[:, :1]
     own = replace(windows, plate_angle=windows.plate_angle - first, start_s=0 * windows.start_s)
     return wrap(BASES[name](own, imu).heading - first[:, 0])
 
 
 def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.ndarray:
+    """The features of windows turned by the headings base, (W,), rad; zero where the plate neither
+    rests nor turns evenly."""
     angle = unrepeated(windows.plate_angle)
     travel, used = travel_within(angle), usable(angle)[0][..., None]
     psi = base[:, None] + angle - travel / 2  # an encoder is read at a sample's end
@@ -72,8 +74,8 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
     # Earth's rate is averaged over the turn within a sample.
     gyro -= np.stack([north * mean_turn(0 * travel, travel).real, 0 * turning, down + turning], -1)
     columns = {
-        "gyro": lambda: _both(gyro / north[..., None], psi),
-        "accel": lambda: _both(force / g[..., None] + [0.0, 0.0, 1.0], psi),
+        "gyro": lambda: _in_both_axes(gyro / north[..., None], psi),
+        "accel": lambda: _in_both_axes(force / g[..., None] + [0.0, 0.0, 1.0], psi),
         "plate": lambda: (np.stack([np.cos(angle), np.sin(angle)], axis=-1),),
     }
     length = np.log2(windows.duration_s / _MINUTE) / 2
@@ -87,12 +89,13 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
 
 
 def _levelled(windows: Windows, angle: np.ndarray) -> np.ndarray:
-    """The rates less the lean that the mean force in the plate's base shows, (W, T, 3)."""
+    """The rates in level axes that turn with the plate, (W, T, 3), by the mean force in the base's
+    axes. angle : (W, T), rad, the plate's."""
     lean = tilt_of(angle, windows.accel)
     return turned(turned(windows.gyro, angle) @ np.swapaxes(lean, 1, 2), -angle)
 
 
-def _both(residual: np.ndarray, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _in_both_axes(residual: np.ndarray, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The residual in north-pointing axes, (W, T, 3), and its part in the body's horizontal ones,
     (W, T, 2)."""
     return residual, turned(residual[..., :2], -psi)

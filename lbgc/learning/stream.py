@@ -1,9 +1,9 @@
 """Training recordings drawn afresh at every step, by the sensor model that made the dataset.
 
-The dataset gives the bench (each stored recording's plate course, attitude, latitude, and what its
-unit and session fixed of the sensors' errors); heading, run bias and every in-run term are new.
-Windows of a batch begin at one time, drawn for it, since noise that wanders has come further in a
-window that begins later.
+The dataset gives the bench (each stored recording's plate course, attitude, latitude, and the
+sensors' errors that its unit and session fix); heading, run bias and every in-run term are new.
+All windows of a batch begin at the same time in their recordings, which is drawn for the batch:
+noise that wanders has a larger variance in a window that begins later.
 """
 
 from collections.abc import Mapping
@@ -38,27 +38,32 @@ _MOVING = {
 
 @dataclass(frozen=True)
 class Streamed:
-    """Rows of everything that a recording begins with, at the model's rate."""
+    """A source whose windows are drawn afresh: what R stored recordings fix of them, at the model's
+    rate."""
 
     recordings: Labelled
-    """The stored ones, of which the plate's course and the labels are used."""
+    """The stored recordings, of which the plate's course and the labels are used."""
     attitude: np.ndarray
     """(R, 2), rad, roll and pitch"""
     gyro: Drawn
+    """The gyros' errors of unit and session."""
     accel: Drawn
+    """The accelerometers' errors of unit and session."""
     imu: ImuModel
     arm_m: float
-    """Distance from the plate's axis to the IMU, which looks away from it."""
+    """Distance from the plate's axis to the IMU, whose forward axis points away from it."""
     height_m: float
 
     @property
     def fresh(self) -> "Streamed":
+        """Itself: no window is drawn twice."""
         return self
 
     @classmethod
     def of(cls, dataset: Dataset, rows: np.ndarray, recordings: Labelled) -> "Streamed":
-        """recordings : the dataset's at `rows`. Raises InputError where the dataset's bench moves,
-        or where block means cannot represent its counts."""
+        """The source for these rows of a dataset. recordings : the dataset's at `rows`. Raises
+        InputError where the dataset's bench moves, or where block means cannot represent the
+        sensor's counts."""
         configuration = dataset.configuration
         _check_still(dataset, configuration)
         imu = build(ImuConfig, configuration["imu"]).model(float(configuration["rate_hz"]))
@@ -81,14 +86,15 @@ class Streamed:
         )
 
     def draw(self, rng: np.random.Generator, count: int, steps: int) -> Labelled:
-        """Windows of one start, of recordings of which nothing else is drawn."""
+        """`count` windows of `steps` steps from freshly drawn recordings, all with the same start.
+        Nothing else of those recordings is drawn."""
         known, stored = self.recordings, self.recordings.windows
         rows = rng.integers(len(stored), size=count)
         start = int(rng.integers(stored.gyro.shape[1] - steps + 1))
         heading = rng.uniform(-np.pi, np.pi, count)
         block = round(1 / (stored.rate_hz * self.imu.dt))
         inside = slice(start, start + steps)
-        rate, force = self._truth(rows, heading, inside)
+        rate, force, field = self._truth(rows, heading, inside)
         still = replace(self.imu.warming, force=None)
         gyro, accel = (
             triad.measure_means(
@@ -100,7 +106,7 @@ class Streamed:
                 start,
             )
             for triad, truth, lasting, around in (
-                (self.imu.gyro, rate, self.gyro, replace(still, force=force)),
+                (self.imu.gyro, rate, self.gyro, replace(still, force=force, field=field)),
                 (self.imu.accel, force, self.accel, still),
             )
         )
@@ -117,9 +123,10 @@ class Streamed:
 
     def _truth(
         self, rows: np.ndarray, heading: np.ndarray, inside: slice
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Block means of the rate, rad/s, and the specific force, m/s^2, each (W, 3, T), inside
-        recordings on a plate that turns evenly within a block; (W, 3, 1) on one that rests."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Block means of the rate, rad/s, the specific force, m/s^2, and the magnetic field, T,
+        each (W, 3, T), inside recordings on a plate that turns evenly within a block; (W, 3, 1) on
+        one that rests."""
         stored = self.recordings.windows
         late = 0.5 * self.imu.dt * stored.rate_hz  # an encoder is read at a sample's end
         reading = unrepeated(stored.plate_angle[rows])
@@ -131,13 +138,15 @@ class Streamed:
         base = euler_to_matrix(roll, pitch, heading)
         earth = np.einsum("wij,wi->wj", base, earth_rate_ned(stored.latitude[rows]))
         down = normal_gravities(stored.latitude[rows], self.height_m)
-        rate, force = (on_plate(v[:, None, :], turn) for v in (earth, -down[:, None] * base[:, 2]))
+        felt = (earth, -down[:, None] * base[:, 2], self.imu.field_ned @ base)
+        rate, force, field = (on_plate(v[:, None, :], turn) for v in felt)
         rate[..., 2] += turning
         force[..., 0] -= self.arm_m * turning**2  # towards the axis, behind the IMU
-        return np.swapaxes(rate, 1, 2), np.swapaxes(force, 1, 2)
+        return np.swapaxes(rate, 1, 2), np.swapaxes(force, 1, 2), np.swapaxes(field, 1, 2)
 
 
 def _check_still(dataset: Dataset, configuration: Mapping[str, Any]) -> None:
+    """Raise InputError where the dataset's base moves, or the plate's axis is tilted or wobbles."""
     for name, does in _MOVING.items():
         if np.abs(dataset.label(name)).max(initial=0.0) > 0:
             raise InputError(

@@ -1,16 +1,17 @@
-"""Features of a base that sways, from samples fast enough to see it.
+"""Features for a base that sways, from samples fast enough to resolve the sway.
 
-As velocity alignment does (lbgc.estimators.inertial), forces are integrated in axes that stand
-still in inertial space, where gravity's direction turns with Earth and bends velocity: eastward
-steadily, so that the second Legendre moment over a window of T seconds points along
+As in velocity alignment (lbgc.estimators.inertial), forces are integrated in axes that do not
+rotate in inertial space, where gravity's direction turns with Earth and bends velocity: steadily
+eastward, so that the coefficient of the second Legendre polynomial over a window of T seconds is
 
     g Omega cos(lat) T^2/12.
 
-Velocity in units of that, in level axes, is what a network is given, as means short enough for a
-window to have many. Beside it stands the horizontal rate of the body, whose product with a lever
-arm of a metre is given in the same unit: what rocks about an axis below the sensor moves it to and
-fro, and the gyros say how. Nothing here has been told a heading; a network that has a base is given
-the same less what that base's heading explains, in axes that it turned north.
+A network is given velocity in units of a fifth of that, which is the second Legendre moment, in
+level axes, as means short enough for a window to have many. Beside it stands the horizontal rate of
+the body, times a lever arm of a metre, in the same unit: a body that rocks about an axis below the
+sensor moves it to and fro, as the gyros show. None of these features depends on a known heading; a
+network that has a base is given them less what that base's heading explains, in axes that are
+turned north by it.
 """
 
 from collections.abc import Callable
@@ -24,43 +25,46 @@ from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
 from lbgc.estimators.inertial import apparent_gravity, integrate
-from lbgc.estimators.level import level
-from lbgc.frames import euler_to_matrix, rotation_matrix, rotation_z, turned
+from lbgc.frames import euler_to_matrix, level, rotation_matrix, rotation_z, turned
 
 LEAST_RATE_HZ = 50.0
-"""Below it a vehicle's sway is not seen as it is: at 10 Hz errors over 10 s are threefold."""
+"""Lowest rate of samples that shows a vehicle's sway as it is: at 10 Hz errors over 10 s are
+threefold."""
 PER_STEP = 5
-"""Features a step: velocity and rate, two each, and how lively the sway is."""
+"""Number of features a step: velocity and rate, two each, and the logarithm of the sway's rate."""
 CONSTANTS = 2
-"""Further features, of the whole window: its length, and its latitude's share in the unit."""
+"""Number of further features, of the whole window: its length, and the logarithm of the latitude's
+cosine, which is in the unit of velocity."""
 _ARM_M = 1.0
 _STILL = 1e-5
-"""rad/s, rms: a base that does not sway"""
+"""RMS rate of a base that does not sway, rad/s."""
 _MINUTE = 60.0
 _LEFT_OVER = 0.02
-"""Share of a window, at the most, that may fill no whole step and is left out."""
+"""Largest share of a window that may be left out at its end because it fills no whole step."""
 _AT_ONCE = 200_000
-"""Samples integrated together, for memory's sake"""
+"""Number of samples that are integrated together; it limits memory."""
 
 
 @dataclass(frozen=True)
 class Swaying:
-    """Windows that were integrated and levelled."""
+    """Integrated and levelled velocity and rate of W windows, as means over T steps; in the unit
+    that the module states."""
 
     velocity: np.ndarray
-    """(W, T, 2), as the module says: level, forward and right where the encoder reads zero"""
+    """(W, T, 2), in level axes: the body's forward and right when the encoder reads zero"""
     rate: np.ndarray
-    """(W, T, 2), likewise"""
+    """(W, T, 2), times a lever arm of a metre, in the same axes"""
     liveliness: np.ndarray
-    """(W, T), log10 of the horizontal rate's rms in each step, over 0.01 mrad/s"""
+    """(W, T), log10(1 + P)/2, P the horizontal rate's mean square in each step over (0.01
+    mrad/s)^2"""
     bend: np.ndarray
-    """(W, T, 2), north and east: what a body at rest has of velocity"""
+    """(W, T, 2), north and east: the velocity of a body at rest, which gravity's turn causes"""
 
     @classmethod
     def of(cls, windows: Windows, rate_hz: float) -> "Swaying":
-        """Means at this rate, T a window. Raises InputError where samples are too slow, or are not
-        whole means."""
-        windows = _of_whole_steps(windows, rate_hz)
+        """Integrate and level windows, with means at rate_hz. Raises InputError where samples are
+        too slow, or where a mean is no whole number of samples."""
+        windows = _whole_steps(windows, rate_hz)
         block = _block(windows, rate_hz)
         series = integrate(windows)
         before = series.before
@@ -89,12 +93,12 @@ class Swaying:
         )
 
     def features(self) -> np.ndarray:
-        """Features without a heading, (W, T, 5)."""
+        """Features of a network without a base, (W, T, 5)."""
         return np.concatenate([self.velocity, self.rate, self.liveliness[..., None]], axis=-1)
 
     def residual(self, base: np.ndarray) -> np.ndarray:
-        """Features less what these headings explain, in axes that they turned north: (W, T, 5).
-        base : (W,), rad."""
+        """Features of a network with a base, (W, T, 5): less what the base's headings explain, in
+        axes that are turned north by them. base : (W,), rad."""
         velocity = turned(self.velocity, base[:, None]) - self.bend
         rate = turned(self.rate, base[:, None])
         return np.concatenate([velocity, rate, self.liveliness[..., None]], axis=-1)
@@ -105,7 +109,7 @@ def inputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A network's features, float32 (W, T, PER_STEP + CONSTANTS), and the headings, (W,), rad, that
     it corrects: zero without a base. Raises InputError as `Swaying.of` does."""
-    windows = _of_whole_steps(windows, rate_hz)
+    windows = _whole_steps(windows, rate_hz)
     size = max(1, _AT_ONCE // windows.gyro.shape[1])
     features, headings = [], []
     for first in range(0, len(windows), size):
@@ -122,6 +126,8 @@ def inputs(
 
 
 def _block(windows: Windows, rate_hz: float) -> int:
+    """Number of samples in a step. Raises InputError where samples are slower than 50 Hz, or where
+    steps are no whole number of samples or leave more than 2% of a window over."""
     if windows.rate_hz < LEAST_RATE_HZ * (1 - 1e-9):
         about = f"must be {LEAST_RATE_HZ:g} Hz or more: the model takes a base that sways"
         raise InputError("the data's rate", f"{windows.rate_hz:g}", "Hz", about)
@@ -133,8 +139,8 @@ def _block(windows: Windows, rate_hz: float) -> int:
     return block
 
 
-def _of_whole_steps(windows: Windows, rate_hz: float) -> Windows:
-    """The windows less the samples at the end that fill no step."""
+def _whole_steps(windows: Windows, rate_hz: float) -> Windows:
+    """The windows without the samples at the end that fill no whole step."""
     samples = windows.gyro.shape[1]
     used = samples - samples % _block(windows, rate_hz)
     values: dict[str, Any] = {name: getattr(windows, name)[:, :used] for name in SAMPLED}
@@ -142,27 +148,30 @@ def _of_whole_steps(windows: Windows, rate_hz: float) -> Windows:
 
 
 def _slope(series: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Slope of a straight line through (W, T, 3), by least squares: the mean force, (W, 3)."""
+    """Slope of a straight line through a series, (W, T, 3), by least squares, (W, 3): of velocity
+    it is the mean force. t : (T,), s."""
     centred = t - t.mean()
     return np.asarray(np.einsum("t,wti->wi", centred, series) / np.sum(centred**2))
 
 
 def _straightened(series: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """The series less a straight line an axis: the sway's velocity at the start and the
-    levelling."""
+    """The series less a straight line an axis, which holds the sway's velocity at the start and the
+    error of levelling."""
     centred = (t - t.mean())[:, None]
     slope = _slope(series, t)[:, None]
     return np.asarray(series - series.mean(axis=1, keepdims=True) - centred * slope)
 
 
 def _encoder_zero(attitude: np.ndarray, plate_angle: np.ndarray) -> np.ndarray:
-    """Mean yaw, (W,), rad, of what the plate turns on, attitude : (W, T, 3, 3)."""
+    """Mean yaw of the plate's base, (W,), rad: the body's yaw less the plate's angle. attitude :
+    (W, T, 3, 3), the body's."""
     yaw = np.arctan2(attitude[..., 1, 0], attitude[..., 0, 0]) - plate_angle
     return np.angle(np.mean(np.exp(1j * yaw), axis=1))
 
 
 def _bend(windows: Windows, n: int, dt: float) -> np.ndarray:
-    """(W, n, 2), m/s, in the axes of n at the windows' middle."""
+    """North and east velocity of a body at rest, (W, n, 2), m/s, by gravity's turn, in the axes of
+    n at the windows' middle."""
     beta = apparent_gravity(windows, n, dt)
     latitude = windows.latitude
     half = EARTH_RATE * windows.duration_s / 2
@@ -172,6 +181,7 @@ def _bend(windows: Windows, n: int, dt: float) -> np.ndarray:
 
 
 def _unit(windows: Windows) -> np.ndarray:
-    """(W,), m/s: a mean of P2 times velocity is a fifth of its coefficient."""
+    """The unit of velocity, (W,), m/s: g Omega cos(lat) T^2/60, since the mean of velocity times
+    the second Legendre polynomial is a fifth of its coefficient."""
     north = EARTH_RATE * np.cos(windows.latitude)
     return np.asarray(normal_gravities(windows.latitude) * north * windows.duration_s**2 / 60)

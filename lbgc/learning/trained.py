@@ -1,8 +1,8 @@
 """A trained model that answers what it was trained for and refuses all else: another latitude,
 window length, course of the plate, sensor, or unit than the one whose bias it learned.
 
-A network knows its training's data and says nothing of what lies beside: a model of one unit,
-asked about another, subtracts a bias that is not there and states the sigma of one that is.
+A network does not know where its training data end: a model of one unit, asked about another,
+subtracts a bias that is not there, and states a sigma as if it were.
 """
 
 from collections.abc import Sequence
@@ -27,10 +27,13 @@ from lbgc.sensor.errors import NONE
 from lbgc.sensor.imu import ImuModel
 
 _TURNS = np.deg2rad(1.0)
+"""Travel of the plate in a window, rad, up to which it counts as resting."""
 _RESTS = np.deg2rad(0.01)
+"""Largest travel of the plate in a recording, rad, whose mean rate is compared with the units'."""
 _NEAR_DEG = 0.5
+"""Degrees of latitude beyond the training's range that are still answered."""
 _FEW = 3
-"""Units whose biases a model can learn by heart."""
+"""Largest number of units whose biases a model can learn by heart."""
 _ANOTHER = 18.4
 """Chi-square of two degrees of freedom (a heading takes one of three) that a log of the unit's own
 exceeds once in 10,000 times."""
@@ -39,22 +42,23 @@ _RESTING = ("static", "heading_scan")
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of what a model is asked about, beside the windows."""
+    """What is known, beside the windows, of the recordings that a model is asked about."""
 
     sensor: ImuConfig | None
     protocol: str | None = None
     units: tuple[int, int] | None = None
-    """A dataset's unit_seed and how many units it has; None of a real log."""
+    """A dataset's unit_seed and its number of units; None for a real log."""
     records: Sequence[Record] = ()
-    """A log's, whose rates say whose they are not."""
+    """A log's recordings, whose mean rates can show that they are of another unit."""
 
 
 @dataclass(frozen=True)
 class Trained:
     """An estimator that refuses what its model was not trained for.
 
-    beside : why it refuses whatever the windows are; untrained : whether it answers all the same;
-    overridden : what it would have refused, gathered as it answers.
+    beside : the reasons to refuse that hold whatever the windows are; untrained : whether it
+    answers all the same; overridden : the refusals that it then passed over, collected as it
+    answers.
     """
 
     name: str
@@ -66,16 +70,19 @@ class Trained:
 
     @classmethod
     def load(cls, run: str | Path, name: str | None = None) -> "Trained":
-        """Raises InputError where the model is damaged or of another format."""
+        """The model in a run's directory, under its own name or this one. Raises InputError where
+        it is damaged or of another format."""
         learned, said = Learned.load(run), description.read(run)
         return cls(learned.name if name is None else name, learned, said)
 
     @property
     def sensor(self) -> ImuConfig:
+        """The sensor that it was trained on."""
         return build(ImuConfig, self.said["units"]["imu"])
 
     @property
     def meant_for(self) -> str:
+        """The sensor, protocol, window lengths and latitudes that it was trained for, in words."""
         low, high = self.said["latitude_deg"]
         windows = self.said["training"]["windows_s"]
         lengths = f"{min(windows):g} s" + (f" to {max(windows):g} s" if len(windows) > 1 else "")
@@ -85,25 +92,28 @@ class Trained:
         return f"{self.sensor.name}, protocol {self.said['protocol']}, {lengths}, {place}"
 
     def asked(self, setting: Setting, untrained: bool) -> "Trained":
-        """This network, for use in this setting."""
-        beside = tuple(self._beside(setting))
+        """This network for use in a setting; untrained : whether it answers what it would refuse
+        there."""
+        beside = tuple(self._refusals_of_setting(setting))
         name = f"{self.name} (untrained)" if untrained else self.name
         return replace(self, name=name, beside=beside, untrained=untrained, overridden={})
 
     def __call__(self, windows: Windows, imu: ImuModel | None = None) -> Estimate:
-        """Raises InputError where the setting, latitude, length or the plate's motion are none of
-        training's, unless that is overridden."""
-        wrong = [*self.beside, *self._within(windows)]
+        """The network's answers. Raises InputError where the setting, the latitude, the windows'
+        length or the plate's motion differ from training's, unless `untrained`."""
+        wrong = [*self.beside, *self._refusals_of_windows(windows)]
         if wrong and not self.untrained:
             raise wrong[0]
         self.overridden.update(dict.fromkeys(map(str, wrong)))
         return self.learned(windows, imu)
 
     def _refusal(self, value: object, unit: str, why: str) -> InputError:
+        """The InputError that says why it refuses, and what it is meant for."""
         about = f"; it is meant for {self.meant_for} (untrained=true uses it all the same)"
         return refusal(self.name, value, unit, why + about)
 
-    def _within(self, windows: Windows) -> list[InputError]:
+    def _refusals_of_windows(self, windows: Windows) -> list[InputError]:
+        """Reasons to refuse that the windows give: latitude, length, motion of the plate."""
         low, high = self.said["latitude_deg"]
         at = np.rad2deg(windows.latitude)
         lengths = self.said["training"]["windows_s"]
@@ -118,7 +128,8 @@ class Trained:
             found.append(self._refusal("a plate", "", f"that {does} is none of its"))
         return found
 
-    def _beside(self, setting: Setting) -> list[InputError]:
+    def _refusals_of_setting(self, setting: Setting) -> list[InputError]:
+        """Reasons to refuse that the setting gives: sensor, protocol, unit."""
         found = []
         own = self.said["units"]
         if setting.sensor is not None and setting.sensor != self.sensor:
@@ -145,13 +156,14 @@ class Trained:
 
     @property
     def _knows_units(self) -> bool:
-        """Whether it was trained on so few units that it learned their very biases."""
+        """Whether it was trained on so few units that it learned the bias of each."""
         gyro = self.sensor.gyro.triad()
         return bool(self.said["units"]["units"] <= _FEW and gyro.bias("unit").any())
 
     def _off(self, record: Record) -> float | None:
-        """Sigmas by which a resting recording's mean rate differs from any that the units it was
-        trained on can have; None where it does not by enough, or cannot be compared."""
+        """Number of sigmas by which a resting recording's mean rate differs from every rate that
+        the units of training can have; None where they do not differ by enough, or cannot be
+        compared."""
         if np.ptp(record.plate_angle) > _RESTS:
             return None
         own = self.said["units"]
@@ -161,8 +173,8 @@ class Trained:
         allowed = mean_noise(record.gyro) ** 2 + (1e-3 * EARTH_RATE) ** 2
         if aside is not None:
             allowed = allowed + aside**2
-        else:  # no other bias: what is left of the law is its slow noise
-            allowed = allowed + 2 * np.square(gyro.B) + np.square(gyro.K) * record.duration_s
+        else:  # without other biases only slow noise remains
+            allowed = allowed + gyro.slow_variance(record.duration_s)
         chis = []
         for unit in range(own["units"]):
             drawn = gyro.draw_unit(streams.unit(own["unit_seed"], unit))
@@ -173,7 +185,7 @@ class Trained:
 
 
 def _motion(windows: Windows) -> str:
-    """What the plate does in windows, as a refusal says it."""
+    """What the plate does in windows, in the words of a refusal."""
     if np.ptp(windows.plate_angle, axis=1).max(initial=0.0) <= _TURNS:
         return "rests"
     _, resting = usable(windows.plate_angle)

@@ -1,4 +1,4 @@
-"""The training loop: a window length, a batch and a step at a time; early stopping; resuming."""
+"""The training loop: one window length and one batch a step; early stopping; resuming."""
 
 import copy
 import math
@@ -24,19 +24,19 @@ from lbgc.learning.model import RECURRENT, ModelConfig, make
 from lbgc.sensor import streams
 
 SCHEDULES = ("onecycle", "cosine")
-_SCALES = (1e-5, 0.5)
-_MOST_FOR_SCALE = 1000
+_SCALES = (1e-5, 0.5)  # rad, least and most
+_MOST_FOR_SCALE = 1000  # windows
 _KNOWN = 0.05
-"""1 sigma of how wrong the logarithm of a trained network's sigma is thought to be beforehand."""
+"""1 sigma of the prior on the error of the logarithm of a trained network's sigma."""
 
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """How to train."""
+    """A training's settings."""
 
     model: ModelConfig
     windows_steps: dict[float, int]
-    """Lengths of the windows: s -> samples."""
+    """Lengths of the windows, s, and the network's steps in each."""
     steps: int
     batch: int
     learning_rate: float
@@ -44,21 +44,22 @@ class TrainingPlan:
     clip: float
     validate_every: int
     patience: int | None
-    """Looks at the validation split without a better one, after which training ends."""
+    """Number of looks at the validation split without a better score, after which training ends."""
     checkpoint_every: int
     seed: int
     warm_up: int
-    """Steps at first in which a network that states a sigma learns headings alone."""
+    """Number of first steps in which a network that states a sigma learns headings alone."""
     reference_sigma: float
-    """rad, the error of the headings that it is told, 1 sigma: no part of a stated sigma."""
+    """rad, 1 sigma of the error of the reference headings; it is no part of a stated sigma."""
     tempering: int
-    """Windows of each length, drawn afresh, that in the end set a stated sigma right."""
+    """Number of fresh windows of each length by which a stated sigma is calibrated at the end."""
     threads: int | None = None
-    """Threads of the network's arithmetic; None: what its size is worth."""
+    """Threads of the network's arithmetic; None: by the network's size."""
 
 
 class Trainer:
-    """One network's training. What it has learned so far is in `net`, `best` and `history`."""
+    """One network's training. `net` holds its weights, `best` the best weights so far, `history`
+    the looks at the validation split."""
 
     def __init__(
         self,
@@ -68,7 +69,8 @@ class Trainer:
         stored: Labelled,
         validation: Labelled,
     ):
-        """source : of training's; stored, validation : whole recordings of the two splits."""
+        """source : of the training's batches; stored, validation : whole recordings of the training
+        and of the validation split."""
         self.plan, self.source, self.sensed = plan, source, sensed
         self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.net = make(plan.model, plan.seed)
@@ -84,7 +86,7 @@ class Trainer:
         ]
         self.threads = plan.threads or threads.wanted(plan.model, plan.batch)
         self.step = 0
-        self.seconds = 0.0  # of work that is kept: what a kill undoes is not counted
+        self.seconds = 0.0  # of the steps that are kept: those that a kill loses do not count
         self.smoothed: float | None = None
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] = copy.deepcopy(self.net.state_dict())
@@ -94,7 +96,7 @@ class Trainer:
     def run(self, file: Path, on_look: Callable[[list[dict[str, float]]], None]) -> None:
         """Train to the end, from the checkpoint if there is one at `file`.
 
-        on_look : is given the history after each look at the validation split.
+        on_look : called with the history after each look at the validation split.
         """
         if file.exists():
             self._restore(file)
@@ -117,7 +119,8 @@ class Trainer:
             self._temper()
 
     def _finite(self, value: float) -> float:
-        """The loss, or a score; InputError where it is no number: a network cannot come back."""
+        """The loss or score as it is. Raises InputError where it is not finite: training cannot
+        recover from that."""
         if not math.isfinite(value):
             what = (
                 f"training diverged at step {self.step}: the loss is no number any more; take less"
@@ -126,6 +129,7 @@ class Trainer:
         return value
 
     def _finished(self) -> bool:
+        """Whether all steps are done, or patience has run out."""
         if self.step >= self.plan.steps:
             return True
         if self.plan.patience is None or not self.history:
@@ -134,10 +138,11 @@ class Trainer:
         return since >= self.plan.patience
 
     def _best_look(self) -> int:
+        """Number of the look with the best score."""
         return int(np.argmin([row["score"] for row in self.history]))
 
     def _look(self) -> str:
-        """Validate, keep the weights if they are the best so far, and say how it stands."""
+        """Validate, keep the weights if they are the best so far, and report both in words."""
         row = self._validate()
         self._finite(row["score"] + row["all"])
         self.history.append({"step": self.step, "train_loss": self.smoothed or 0.0, **row})
@@ -148,7 +153,7 @@ class Trainer:
 
     @contextmanager
     def drawing_ahead(self) -> Iterator[None]:
-        """Meanwhile the batches of the steps that follow are drawn before they are asked for."""
+        """Inside the `with` block the following steps' batches are drawn ahead of time."""
         steps = range(self.step + 1, self.plan.steps + 1)
         by_thread = self.plan.model.cell in RECURRENT
         try:
@@ -161,10 +166,11 @@ class Trainer:
             self._ahead = None
 
     def batch(self) -> tuple[Tensor, Tensor]:
-        """Input and target, degrees, of this step."""
+        """This step's features, (W, T, C), and targets, (W,), degrees, on the network's device."""
         return self._there(self._batches[self.step] if self._ahead is None else next(self._ahead))
 
     def _train(self) -> float:
+        """Take one training step; its loss."""
         x, reference_deg = self.batch()
         self.net.train()
         value = self._loss(self.net(x), reference_deg)
@@ -176,19 +182,21 @@ class Trainer:
         return float(value.detach())
 
     def _there(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Input and target, degrees, where the network is."""
+        """A batch's features, and its targets in degrees, on the network's device."""
         x, off = batch
         target = torch.from_numpy(np.rad2deg(off).astype(np.float32))
         return torch.from_numpy(x).to(self.device), target.to(self.device)
 
     def _scale(self, stored: Labelled) -> float:
-        """RMS error of the base, rad, on the longest windows of the training split."""
+        """RMS error of the base, rad, on up to 1000 of the longest windows of the training split,
+        within [1e-5, 0.5]."""
         windows = every(stored, max(self.plan.windows_steps.values()))
         pick = np.arange(len(windows))[:_MOST_FOR_SCALE]
         _, error = self.sensed.examples(windows.rows(pick))
         return float(np.clip(np.sqrt(np.mean(error**2)), *_SCALES))
 
     def _loss(self, raw: Tensor, reference_deg: Tensor) -> Tensor:
+        """The loss that the network's kind of output is trained by, of its raw output."""
         heading, output = self.net.heading_deg(raw), self.plan.model.output
         if output == "vonmises" and self.net.training and self.step <= self.plan.warm_up:
             return loss.vector_mse(reference_deg, raw[:, :2])
@@ -201,9 +209,9 @@ class Trainer:
 
     @torch.inference_mode()
     def _validate(self) -> dict[str, float]:
-        """For each window length RMSE in degrees against the reference; over all of them; and the
-        score that decides which weights are kept: that, or the mean loss where it is a likelihood.
-        """
+        """RMSE in degrees against the reference, for each window length and over all of them; and
+        the score that decides which weights are kept: the latter, or the mean loss where that is a
+        likelihood."""
         self.net.eval()
         errors, losses = {}, []
         for window, x, truth in self.validation:
@@ -217,9 +225,9 @@ class Trainer:
 
     @torch.inference_mode()
     def _temper(self) -> None:
-        """At each window length, the change of the concentration's logarithm that makes held-out
-        windows likeliest: a linear one by fresh windows where they can be drawn; else, for its
-        spread takes thousands of windows to tell, a constant by the validation split's.
+        """Calibrate the best weights' concentration at each window length, by maximum likelihood on
+        held-out windows. The change of its logarithm is linear where fresh windows can be drawn.
+        Else it is a constant, by the validation split: the spread takes thousands of windows.
         """
         self.net.load_state_dict(self.best)
         self.net.eval()
@@ -241,17 +249,22 @@ class Trainer:
     def _likeliest(
         self, raw: Tensor, reference_deg: Tensor, with_spread: bool
     ) -> tuple[float, float]:
-        """(more, wider): l into l (1 + wider) + more. A network's own spread is more than there is
-        to know: regression to the mean. A prior of _KNOWN on either, as it changes a sigma, keeps
-        few windows from doing more harm than good."""
+        """(more, wider), the most likely change of the concentration's logarithm l to
+        l (1 + wider) + more.
+
+        A network's own spread of l exceeds the true one: regression to the mean. A prior of _KNOWN
+        on either effect on the logarithm of sigma keeps few windows from doing more harm than good.
+        """
         heading, log_kappa = self.net.heading_deg(raw), self.net.log_kappa(raw).double()
         middle, spread = float(log_kappa.mean()), max(float(log_kappa.std(correction=0)), 1e-3)
 
         def change(by: np.ndarray) -> tuple[float, float]:
+            """(more, wider) of a shift of the mean of l, and of a change of its spread."""
             wider = float(by[1]) / spread if with_spread else 0.0
             return float(by[0]) - wider * middle, wider
 
         def value(by: np.ndarray) -> float:
+            """Mean negative log posterior of such a change."""
             more, wider = change(by)
             own = self.plan.reference_sigma
             likely = loss.von_mises_nll(reference_deg, heading, log_kappa * (1 + wider) + more, own)
@@ -263,6 +276,7 @@ class Trainer:
         return change(minimize(value, np.zeros(free), method="Nelder-Mead", options=options).x)
 
     def _counters(self) -> dict[str, Any]:
+        """All of a checkpoint that is no tensor."""
         return {
             "step": self.step,
             "seconds": self.seconds,
@@ -273,6 +287,7 @@ class Trainer:
         }
 
     def _keep(self, file: Path) -> None:
+        """Write a checkpoint."""
         moments = {
             f"{number}.{name}": value
             for number, state in self.optimiser.state_dict()["state"].items()
@@ -282,6 +297,7 @@ class Trainer:
         checkpoint.write(file, tensors, self._counters())
 
     def _restore(self, file: Path) -> None:
+        """Go on from a checkpoint. Raises InputError where it is damaged or of another training."""
         tensors, said = checkpoint.read(file)
         with reading("checkpoint", file, f"is of another training; {checkpoint.AGAIN}"):
             self._check(tensors, said)
@@ -297,8 +313,8 @@ class Trainer:
             self.smoothed, self.history = said["smoothed"], said["history"]
 
     def _check(self, tensors: dict[str, dict[str, Tensor]], said: dict[str, Any]) -> None:
-        """Raises ValueError unless a checkpoint's tensors have this training's names and shapes,
-        and its counters are the same kind of numbers."""
+        """Raise ValueError unless a checkpoint's tensors have this training's names and shapes, and
+        its counters are of the right kinds."""
         own = {name: value.shape for name, value in self.net.state_dict().items()}
         moments = {
             f"{number}.{name}": torch.Size() if name == "step" else value.shape
@@ -322,9 +338,9 @@ class Trainer:
 
 
 def _alike(found: Any, own: Any, more: bool = False) -> bool:
-    """Whether what JSON gave has the keys and the kinds of values of what is ours.
+    """Whether a value read from JSON has the keys and the kinds of values of this program's own.
 
-    more : other keys, with numbers, may stand beside them.
+    more : whether it may have other keys besides, with numbers.
     """
     if isinstance(own, dict):
         if not isinstance(found, dict) or not (set(own) <= set(found)):
@@ -346,6 +362,7 @@ def _alike(found: Any, own: Any, more: bool = False) -> bool:
 def _schedule(
     plan: TrainingPlan, optimiser: torch.optim.Optimizer
 ) -> torch.optim.lr_scheduler.LRScheduler:
+    """The schedule of the learning rate over a training's steps."""
     if plan.schedule == "cosine":
         return torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, plan.steps)
     return torch.optim.lr_scheduler.OneCycleLR(

@@ -1,4 +1,4 @@
-"""The Allan figures of a static recording: with the fitted terms, and as the paper's."""
+"""The Allan figures of a static recording: with the fitted terms, and in the paper's form."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,16 +21,18 @@ _UNIT = {"gyro": (DEG / HOUR, "deg/h"), "accel": (1e-6 * STANDARD_GRAVITY, "ug")
 
 @dataclass(frozen=True)
 class AllanData:
+    """The static recordings of one triad, of which the figures are drawn."""
+
     part: str
     """gyro or accel"""
     series: np.ndarray
-    """(R, n, 3), SI"""
+    """(R, n, 3), rad/s or m/s^2, of R recordings"""
     dt: float
     latitude: float
 
 
 def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
-    """Figures by file name."""
+    """The figures of one triad and of its axes' fits, by file name."""
     taus = octave_taus(data.series.shape[1], data.dt)
     measured = overlapping_deviation(data.series[:16], data.dt, taus)
     drawn = {
@@ -43,8 +45,8 @@ def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
 
 
 def _settled(data: AllanData, fits: Sequence[Fit], taus: np.ndarray) -> np.ndarray | None:
-    """The deviation of what was fitted to: one recording less its warm-ups and steps, (3, S). None
-    where it has none, or where there are several recordings."""
+    """Allan deviation, (3, S), of the data that the noise was fitted to: one recording less its
+    warm-ups and steps. None where it has none, or where there are several recordings."""
     courses = [[c for c in fit.courses if c.kind != "ramp"] for fit in fits]
     if len(data.series) > 1 or not any(courses):
         return None
@@ -63,8 +65,8 @@ def _with_terms(
     recorded: np.ndarray,
     settled: np.ndarray | None,
 ) -> Figure:
-    """Measured deviation with its 95% band, the fitted curve, and each term; settled : what was
-    fitted to, where warm-ups and steps were taken out first."""
+    """Measured Allan deviation with its 95% band, the fitted curve, and each term's, by axis.
+    settled : the deviation after warm-ups and steps were taken out, where there were any."""
     measured = recorded if settled is None else settled
     scale, unit = _UNIT[data.part]
     figure = Figure(figsize=(12, 4.4), layout="constrained")
@@ -96,7 +98,7 @@ def _with_terms(
 
 
 def _say_how_good(axes: Axes, fit: Fit) -> None:
-    """The goodness of fit, below the title; what is not explained, in red."""
+    """Write the goodness of fit below the curves, in red where the fit fails."""
     bad = fit.goodness is not None and fit.goodness.fails
     text = "\n".join(wrap(f"goodness of fit {explained(fit)}", 60))
     drawn = axes.text(
@@ -106,7 +108,7 @@ def _say_how_good(axes: Axes, fit: Fit) -> None:
 
 
 def _spectra(part: str, fits: Sequence[Fit]) -> Figure:
-    """What was fitted to what: the recorded density, two-sided, in bins, and the model's."""
+    """The recorded spectral density, two-sided, in bins, and the fitted model's, by axis."""
     scale, unit = _UNIT[part]
     figure = Figure(figsize=(12, 4.4), layout="constrained")
     for axis, (fit, name) in enumerate(zip(fits, AXIS_NAMES, strict=True)):
@@ -128,8 +130,9 @@ def _spectra(part: str, fits: Sequence[Fit]) -> Figure:
 def _as_the_paper(
     data: AllanData, fits: Sequence[Fit], taus: np.ndarray, measured: np.ndarray
 ) -> Figure:
-    """The paper's three: deviation between Earth's rate and the square root of the CRLB (white
-    noise alone, N/sqrt(tau)), SNR = 20 log10(Omega/sigma(tau)), and the running mean's norm."""
+    """The paper's three figures: the Allan deviation with Earth's rate and the square root of the
+    CRLB (white noise alone, N/sqrt(tau)), SNR = 20 log10(Omega/sigma(tau)), and the running mean's
+    norm."""
     scale, _ = _UNIT["gyro"]
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     allan, snr, running = (figure.add_subplot(1, 3, i) for i in (1, 2, 3))

@@ -1,4 +1,4 @@
-"""A calibration, as a person reads it: deg/h, degrees, percent and mrad."""
+"""A calibration as text: deg/h, degrees, percent and mrad."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,8 @@ _DPH = DEG / HOUR
 
 
 def report(c: Calibration, name: str, notes: Sequence[str] = ()) -> str:
-    """What was found; intervals are 95%, by Student's t and chi-square."""
+    """The calibration's results as text; intervals are 95%, by Student's t and chi-square.
+    name : of the recordings; notes : remarks on them."""
     told = "" if c.sessions is None else f", {c.sessions} session{'s' * (c.sessions != 1)}"
     lines = [f"{name}: {c.recordings} recordings of one unit{told}; 95% intervals"]
     lines += [f"  note: {note}" for note in notes]
@@ -38,6 +39,7 @@ def report(c: Calibration, name: str, notes: Sequence[str] = ()) -> str:
 
 
 def _bias_line(c: Calibration, axis: int) -> str:
+    """The line on one axis's bias and its spread by lifetime."""
     bias, low, high = (v[axis] / _DPH for v in (c.bias, *c.bias_interval))
     whose = "unit" if c.sessions is not None and c.sessions > 1 else "unit and session"
     between = ""
@@ -51,17 +53,19 @@ def _bias_line(c: Calibration, axis: int) -> str:
 
 
 def _spread(sigma: np.ndarray, interval: np.ndarray, axis: int) -> str:
+    """A standard deviation, rad/s, with its interval, in deg/h."""
     value, low, high = (v[axis] / _DPH for v in (sigma, *interval))
     d = _decimals(value)
     return f"{value:.{d}f} ({low:.{d}f} to {high:.{d}f}) deg/h"
 
 
 def _decimals(doubt: float) -> int:
-    """Decimals that show two digits of a doubt; two at the least, six at the most."""
+    """Number of decimals that show two digits of an uncertainty; from two to six."""
     return int(np.clip(1 - np.floor(np.log10(max(doubt, 1e-6))), 2, 6))
 
 
 def _matrix_line(c: Calibration, axis: int) -> str:
+    """The line on one horizontal axis's scale factor error and misalignment."""
     assert c.matrix is not None
     assert c.matrix_interval is not None
     scale, *ends = (m[axis, axis] for m in (c.matrix, *c.matrix_interval))
@@ -73,7 +77,8 @@ def _matrix_line(c: Calibration, axis: int) -> str:
 
 
 def _verdict(left: LeftOut) -> str:
-    """Better only where that held for sessions that it was not fitted to."""
+    """What taking errors out did to the heading, in words: "better" only where it was for sessions
+    that the correction was not fitted to."""
     change, sigma = -left.gain / DEG**2, left.gain_sigma / DEG**2
     figures = f"mean square {change:+.3g} deg^2, standard error {sigma:.2g}"
     words = {
@@ -85,6 +90,7 @@ def _verdict(left: LeftOut) -> str:
 
 
 def _how(left: LeftOut) -> str:
+    """The line on how corrections were tried: on which recordings, fitted to which others."""
     if left.by_session:
         return f"  (each of {left.groups} sessions by what the others tell)"
     return (

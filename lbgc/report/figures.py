@@ -1,4 +1,5 @@
-"""The figures. Each takes plain numbers and returns a matplotlib figure that nobody shows."""
+"""The figures. Each function takes plain numbers and returns a matplotlib figure, without showing
+it."""
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +22,7 @@ ESTIMATOR_COLOURS = (
 
 
 def _figure(title: str, x: str, y: str) -> tuple[Figure, Axes]:
+    """A figure with one pair of axes, these labels, and a grid."""
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
     axes.set(title=title, xlabel=x, ylabel=y)
@@ -30,7 +32,7 @@ def _figure(title: str, x: str, y: str) -> tuple[Figure, Axes]:
 
 
 def _coloured(rows: Mapping[str, T]) -> Iterator[tuple[tuple[str, T], str]]:
-    """Each estimator's (or protocol's) row, and its colour."""
+    """The row of each estimator or protocol, with its name and colour."""
     return zip(rows.items(), cycle(ESTIMATOR_COLOURS), strict=False)
 
 
@@ -57,9 +59,13 @@ def allan_deviation(
     model: tuple[np.ndarray, np.ndarray] | None,
     earth_deg_per_h: float,
 ) -> Figure:
-    """Gyro Allan deviation, measured (3, K) and the model's (its taus, (3, L)), deg/h."""
+    """Allan deviation of the gyros against averaging time, and Earth's horizontal rate.
+
+    taus : (K,), s; measured : (3, K), deg/h; model : its own averaging times, (L,), and deviations,
+    (3, L), or None.
+    """
     figure, axes = _figure("Allan deviation of the gyro", "averaging time, s", "deg/h")
-    measured = np.where(measured > 0, measured, np.nan)  # a perfect sensor's is zero: no logarithm
+    measured = np.where(measured > 0, measured, np.nan)  # zero, of a perfect sensor, has no log
     for axis, (name, colour) in enumerate(zip(AXIS_NAMES, AXIS_COLOURS, strict=True)):
         axes.loglog(taus, measured[axis], "o", color=colour, markersize=4, label=name)
         if model is not None and model[1][axis].any():
@@ -71,7 +77,7 @@ def allan_deviation(
 
 
 def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
-    """rows : estimator -> (window lengths in s, RMSE in deg)."""
+    """RMSE against window length. rows : estimator -> (window lengths in s, RMSE in deg)."""
     figure, axes = _figure("Error against window length", "window, s", "heading RMSE, deg")
     for (name, (windows, errors)), colour in _coloured(rows):
         axes.loglog(windows, errors, "o-", color=colour, label=name)
@@ -86,8 +92,8 @@ def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[floa
 def error_by_heading(
     rows: Mapping[str, Sequence[tuple[float, float, tuple[float, float] | None]]], window_s: float
 ) -> Figure:
-    """rows : estimator -> for each sector of true heading its middle, its RMSE, and 95% of that;
-    deg."""
+    """RMSE against true heading. rows : estimator -> for each sector of true heading its middle,
+    its RMSE, and the 95% interval of that, or None; deg."""
     title = f"Error by heading, windows of {window_s:g} s"
     figure, axes = _figure(title, "true heading, deg", "heading RMSE, deg")
     for (name, sectors), colour in _coloured(rows):
@@ -102,7 +108,8 @@ def error_by_heading(
 
 
 def headings_against_time(rows: Mapping[str, tuple[np.ndarray, ...]], title: str) -> Figure:
-    """rows : estimator -> times in s, headings in deg and their sigmas in deg, (W,) each."""
+    """Estimated headings against time. rows : estimator -> times in s, headings in deg and their
+    sigmas in deg, (W,) each."""
     figure, axes = _figure(title, "middle of the window, s", "heading, deg; bars: 1 sigma")
     for (name, (t, heading, sigma)), colour in _coloured(rows):
         bars = np.where(np.isfinite(sigma), sigma, 0.0)
@@ -114,7 +121,8 @@ def headings_against_time(rows: Mapping[str, tuple[np.ndarray, ...]], title: str
 def bound_against_time(
     curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], title: str
 ) -> Figure:
-    """curves : protocol -> (window lengths in s, the floor in deg)."""
+    """The floor against window length. curves : protocol -> (window lengths in s, the floor in
+    deg)."""
     figure, axes = _figure(f"The best that physics allows: {title}", "window, s", "RMSE, deg")
     for (name, (windows, floor)), colour in _coloured(curves):
         axes.loglog(windows, floor, "o-", color=colour, markersize=3.5, label=name)
@@ -125,13 +133,15 @@ def bound_against_time(
 
 
 def png(figure: Figure) -> bytes:
+    """A figure as PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=130)
     return buffer.getvalue()
 
 
 def box_plots(sizes: Mapping[str, Mapping[float, np.ndarray]]) -> Figure:
-    """sizes : estimator -> window length in s -> sizes of the errors in deg."""
+    """Box plots of the errors. sizes : estimator -> window length in s -> absolute errors in
+    deg."""
     figure, axes = _figure("Distribution of the errors", "window, s", "|heading error|, deg")
     windows = sorted({w for by_window in sizes.values() for w in by_window})
     width = 0.8 / len(sizes)
@@ -158,7 +168,8 @@ def box_plots(sizes: Mapping[str, Mapping[float, np.ndarray]]) -> Figure:
 def strips(
     t: np.ndarray, omega: np.ndarray, force: np.ndarray, angle: np.ndarray, width: int
 ) -> tuple[Figure, list[Axes]]:
-    """Rate, specific force and plate angle against time, for below a film `width` pixels wide.
+    """Rate, specific force and plate angle against time, to stand below a film of this width in
+    pixels. Returns the figure and its three axes.
 
     t : (n,), s; omega : (3, n), rad/s; force : (3, n), m/s^2; angle : (n,), rad.
     """
@@ -188,8 +199,11 @@ def strips(
 def dataset_overview(
     headings: np.ndarray, t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, angle: np.ndarray
 ) -> Figure:
-    """Headings (R,), rad, round the circle; and one recording: t (T,), s; gyro (T, 3), rad/s; accel
-    (T, 3), m/s^2; angle (T,), rad."""
+    """A dataset's headings round the circle, and the course of one recording.
+
+    headings : (R,), rad; of the recording t : (T,), s; gyro : (T, 3), rad/s; accel : (T, 3), m/s^2;
+    angle : (T,), rad.
+    """
     figure = Figure(figsize=(10, 6), layout="constrained")
     north_up = {"theta_direction": -1, "theta_offset": np.pi / 2}
     circle = figure.add_subplot(2, 2, 1, projection="polar", **north_up)
@@ -213,6 +227,7 @@ def dataset_overview(
 
 
 def _plain_y_ticks(axes: Axes) -> None:
+    """Label a logarithmic y axis at 1, 2 and 5 of each decade, in plain numbers."""
     axis = axes.yaxis
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))

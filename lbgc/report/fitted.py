@@ -1,5 +1,4 @@
-"""What was fitted, in the user's words: the names and units of parameters, the console's table
-and the result's JSON."""
+"""A fit's results in the user's words and units: names of parameters, table, and JSON."""
 
 import re
 from dataclasses import asdict
@@ -49,7 +48,7 @@ WORDS = {
 
 
 def every_estimate(fit: Fit) -> dict[str, FittedParameter]:
-    """What was estimated and what was taken as given, by name."""
+    """All parameters of a fit, estimated or taken as given, by name."""
     out: dict[str, FittedParameter] = {}
     for name, e in fit.estimates.items():
         out[name] = e
@@ -60,8 +59,8 @@ def every_estimate(fit: Fit) -> dict[str, FittedParameter]:
 
 
 def unnumbered(name: str) -> str:
-    """A parameter's name without the number that tells a model's lines apart: of line_f0_2,
-    line_f0."""
+    """A parameter's name without the number that tells a model's lines apart: line_f0 for
+    line_f0_2."""
     return name if name in KEYS else re.sub(r"_[0-9]+$", "", name)
 
 
@@ -71,7 +70,7 @@ def scale_of(key: str) -> float:
 
 
 def report(static: Static, fits: dict[str, list[Fit]]) -> str:
-    """What was found, as a person reads it."""
+    """The results of all axes as text. fits : gyro and accel, with a fit for each axis."""
     n = static.gyro.shape[1] * static.dt
     lines = [f"{static.name}: {len(static.gyro)} recording(s) of {n:g} s at {1 / static.dt:g} Hz"]
     for which, part in enumerate(("gyro", "accel")):
@@ -82,10 +81,12 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
                 e = half_power(fit) if name == "bandwidth" else e
                 said = spelled(e, KEYS[plain][which])
                 if plain == "line_sigma":
-                    said += _printed(fit, name, KEYS[plain][which], static.dt)
+                    said += _in_samples(fit, name, KEYS[plain][which], static.dt)
                 lines.append(f"  {WORDS[plain]:30s} {said}")
-            lines += [f"  {said}" for said in _together(fit, KEYS["line_sigma"][which])]
-            lines.append(f"  {'Allan minimum of N, B, K':30s} {_lowest(fit, KEYS['B'][which], n)}")
+            lines += [f"  {said}" for said in _overlapping_lines(fit, KEYS["line_sigma"][which])]
+            lines.append(
+                f"  {'Allan minimum of N, B, K':30s} {_allan_minimum(fit, KEYS['B'][which], n)}"
+            )
             for tone in fit.tones:
                 size = tone.amplitude / factor(KEYS["tone"][which])
                 unit = unit_of(KEYS["tone"][which])
@@ -95,8 +96,9 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
     return "\n".join(lines)
 
 
-def _lowest(fit: Fit, key: str, seconds: float) -> str:
-    """The fitted curve's lowest point, where a log of so many seconds reaches as far."""
+def _allan_minimum(fit: Fit, key: str, seconds: float) -> str:
+    """The lowest point of the fitted Allan curve, in words, if it is within the log's half length.
+    seconds : the log's length."""
     if fit.estimates["N"].is_withheld:
         return "cannot be told from this log"
     lowest, tau = fit.allan_minimum
@@ -105,15 +107,16 @@ def _lowest(fit: Fit, key: str, seconds: float) -> str:
     return f"{lowest / factor(key):.4g} {unit_of(key)} at {tau:.3g} s"
 
 
-def _printed(fit: Fit, name: str, key: str, dt: float) -> str:
-    """What is left of a fast line's rms in samples that are means over dt, s; else nothing."""
+def _in_samples(fit: Fit, name: str, key: str, dt: float) -> str:
+    """The RMS of a line in samples, in words; empty unless averaging over dt, s, reduces it by 2%
+    or more."""
     left = float(np.sinc(fit.estimates[name.replace("sigma", "f0")].value * dt))
     size = left * fit.estimates[name].value / factor(key)
     return f"; {size:.4g} {unit_of(key)} in the samples" if left < 0.98 else ""
 
 
-def _together(fit: Fit, key: str) -> list[str]:
-    """Lines that overlap, which are one thing to look at: from where to where, and their rms."""
+def _overlapping_lines(fit: Fit, key: str) -> list[str]:
+    """Groups of lines that overlap, in words: each one's frequency range and joint RMS."""
     lines = [
         [fit.estimates[name].value for name in shape.names]
         for shape in fit.shapes
@@ -136,7 +139,7 @@ def _together(fit: Fit, key: str) -> list[str]:
 
 
 def explained(fit: Fit) -> str:
-    """Whether the model explains the recording, and what it does not."""
+    """Whether the model explains the recording, and what it does not explain, in words."""
     g = fit.goodness
     if g is None:
         return "not tested: counts coarser than the noise hide its spectrum"
@@ -146,8 +149,8 @@ def explained(fit: Fit) -> str:
 
 
 def half_power(fit: Fit) -> FittedParameter:
-    """The frequency at which the fitted filter lets half of the power through, Hz. It is better
-    known than the natural frequency, which goes with the damping."""
+    """The half-power frequency of the fitted output filter, Hz. It is better known than the natural
+    frequency, whose estimate is correlated with the damping's."""
     e = fit.estimates["bandwidth"]
     damping = every_estimate(fit)["damping"].value
     ratio = half_power_ratio(damping)
@@ -155,7 +158,7 @@ def half_power(fit: Fit) -> FittedParameter:
 
 
 def spelled(e: FittedParameter, key: str) -> str:
-    """An estimate, or the limit that the data set, in its key's unit."""
+    """An estimate with its interval, or its limit, in words and in its key's unit."""
     scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
     if e.is_withheld:
         return "cannot be told from this log"
@@ -172,12 +175,13 @@ def spelled(e: FittedParameter, key: str) -> str:
 
 
 def of_axes(fits: dict[str, list[Fit]]) -> dict:
-    """What `of_axis` gives, for every axis."""
+    """The fits of all axes as JSON: what `of_axis` gives, for every axis of both triads."""
     return {part: [of_axis(fit) for fit in axes] for part, axes in fits.items()}
 
 
 def of_axis(fit: Fit) -> dict:
-    """Every estimate in SI, and the tones."""
+    """One axis's fit as JSON: every estimate in SI, tones, Allan minimum, changes of the mean,
+    counts and goodness."""
     return {
         "estimates": {n: _plain(e) for n, e in every_estimate(fit).items()},
         "tones": [asdict(t) for t in fit.tones],
@@ -191,8 +195,8 @@ def of_axis(fit: Fit) -> dict:
 
 
 def _goodness(g: Goodness) -> dict:
-    """The goodness as JSON: p-values, what is not explained, and the power over the model's in
-    bands."""
+    """The goodness of fit as JSON: p-values, what is not explained, and the ratio of recorded to
+    modelled power in bands."""
     return {
         "p": g.p,
         "p_spectrum": g.p_spectrum,
@@ -208,5 +212,5 @@ def _goodness(g: Goodness) -> dict:
 
 
 def _plain(e: FittedParameter) -> dict[str, float | None]:
-    """An estimate as JSON, with null where the data set no upper end."""
+    """An estimate as JSON, with null for an end of the interval that is not finite."""
     return {key: value if np.isfinite(value) else None for key, value in asdict(e).items()}

@@ -1,5 +1,5 @@
-"""What the fitted sensor's YAML holds beside noise: warming up, counts, and how large the biases
-are as far as one recording's mean tells."""
+"""The entries of a fitted sensor's YAML that are not noise: warming up, counts, and the size of the
+biases as far as one recording's mean tells."""
 
 from dataclasses import dataclass
 
@@ -22,12 +22,14 @@ class Beside:
     """Lines of YAML that stand beside a fitted sensor's noise terms."""
 
     top: list[str]
+    """Lines of the whole sensor."""
     triads: dict[str, list[str]]
+    """Lines of gyro and accel."""
 
 
 def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None) -> Beside:
-    """Lines of YAML for what was fitted beside noise terms; sizes : of the biases, where they are
-    to be stated."""
+    """The lines of YAML for the results of a fit that are not noise terms. sizes : of the biases,
+    where they are to be stated."""
     time = _common_time(fits)
     top = []
     if sizes:
@@ -51,17 +53,20 @@ def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None)
 
 
 def number(value: float, digits: int = 4) -> str:
-    """As every YAML reader takes it: 1.0e-05, since 1e-05 is a text to some."""
+    """A value with a decimal point before an exponent, as every YAML reader needs it: 1.0e-05,
+    since some read 1e-05 as text."""
     text = f"{value:.{digits}g}"
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
 def _decays(fit: Fit) -> list[MeanChange]:
+    """The exponential decays of the mean that were fitted: warming up."""
     return [c for c in fit.courses if c.kind == "decay"]
 
 
 def _common_time(fits: dict[str, list[Fit]]) -> float | None:
-    """One time constant for all: the decays' logarithms, weighted by how well each is known."""
+    """One time constant for all axes, s: the mean of the decays' logarithms, weighted by the
+    inverse squares of their intervals' widths. None where nothing decays."""
     every = [c for part in PARTS for fit in fits[part] for c in _decays(fit)]
     if not every:
         return None
@@ -70,6 +75,7 @@ def _common_time(fits: dict[str, list[Fit]]) -> float | None:
 
 
 def _per_k(fits: list[Fit], which: int, time: float | None) -> list[str]:
+    """The line for a triad's bias by the kelvin, or none. which : 0 for gyro, 1 for accel."""
     sizes = [float(np.sqrt(np.mean([c.size**2 for c in _decays(f)] or [0.0]))) for f in fits]
     if time is None or not any(sizes):
         return []
@@ -79,8 +85,8 @@ def _per_k(fits: list[Fit], which: int, time: float | None) -> list[str]:
 
 
 def _counts(fits: list[Fit], which: int) -> list[str]:
-    """The triad's count where its axes have one between them. Counts whose rest is carried over are
-    fitted as quantisation."""
+    """The line for a triad's count where its axes share one, or none. Counts whose rest is carried
+    over are fitted as quantisation, and have none."""
     kinds = {None if f.counts is None else f.counts.kind for f in fits}
     if kinds & {None, "carried", "beating"}:
         return []
@@ -91,13 +97,14 @@ def _counts(fits: list[Fit], which: int) -> list[str]:
 
 
 def _bias(size: BiasSize, which: int) -> list[str]:
+    """The line for the size of a triad's run bias."""
     value, low, high = (v / factor(_BIAS[which]) for v in (size.value, size.low, size.high))
     return [f"  {_BIAS[which]}: {number(value)}  # assumed; {low:.3g}..{high:.3g}"]
 
 
 def bias_sizes(static: Static, fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:
-    """Bias sizes by the first recording's mean; where it is the only one, what warms away is left
-    out."""
+    """Sizes of both triads' biases by the first recording's mean. Where it is the only recording,
+    exponential changes of the mean are subtracted first."""
     seconds = static.gyro.shape[1] * static.dt
     mean = {part: getattr(static, part)[0].mean(axis=0) for part in PARTS}
     for part in PARTS:

@@ -1,4 +1,4 @@
-"""The fitted sensor as `conf/imu/` holds sensors."""
+"""The fitted sensor as a YAML file of the form of `conf/imu/`."""
 
 import numpy as np
 
@@ -20,9 +20,12 @@ def sensor_yaml(
     calibration: Calibration | None = None,
     sizes: dict[str, BiasSize] | None = None,
 ) -> str:
-    """The fitted sensor as `conf/imu/` holds them; what cannot be told from zero is zero.
+    """The content of the fitted sensor's YAML file; parameters that cannot be told from zero are
+    zero there.
 
-    sizes : of the biases, gyro and accel, where a mean alone tells them."""
+    name : the sensor's; calibration : of the gyros, where the recordings allow one; sizes : of the
+    biases of gyro and accel, where a mean alone tells them.
+    """
     more = beside(fits, sizes)
     seconds = static.gyro.shape[1] * static.dt
     lines = [
@@ -51,6 +54,8 @@ def sensor_yaml(
 
 
 def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
+    """The line for one parameter of a triad, or none where no axis has it. which : 0 for gyro, 1
+    for accel."""
     key = KEYS[name][which]
     scale = scale_of(key)
     if name in ("tone", "tone_f"):
@@ -71,9 +76,9 @@ _NEUTRAL = {"GM_T": 1.0, "line_f0": 1.0, "line_width": 1.0, "bandwidth": 1e6, "d
 
 
 def _figures(start: str, name: str, found: list[FittedParameter | None], scale: float) -> str:
-    """`key: [x, y, z]  # intervals`; an axis that has no such part has a neutral figure."""
+    """The line `key: [x, y, z]  # intervals`; an axis without the parameter has a neutral value."""
     neutral = _NEUTRAL.get(name, 0.0)
-    is_size = name not in _NEUTRAL  # else part of a shape, which keeps its place at an end too
+    is_size = name not in _NEUTRAL  # others shape a term, and are kept at the end of their range
     told = [
         neutral if e is None
         else 0.0 if e.is_limit and is_size and not (e.is_withheld and name == "N")
@@ -85,10 +90,13 @@ def _figures(start: str, name: str, found: list[FittedParameter | None], scale: 
 
 
 def _numbers(values: list[float]) -> str:
+    """Values with six digits, separated by commas."""
     return ", ".join(number(value, 6) for value in values)
 
 
 def _range(e: FittedParameter, scale: float) -> str:
+    """An estimate's 95% interval, or its limit, as the comment behind a value. scale : SI per unit
+    of the key."""
     if e.is_withheld:
         return "cannot be told"
     if e.is_limit:
@@ -101,7 +109,8 @@ def _range(e: FittedParameter, scale: float) -> str:
 
 
 def _yaml_of_lines(which: int, fits: list[Fit]) -> list[str]:
-    """Every axis's lines, the first ones of each together, and so on."""
+    """The entry for a triad's narrow-band lines: the first lines of all axes together, then the
+    second ones, and so on."""
     own = [[n for n in every_estimate(f) if n.startswith("line_sigma")] for f in fits]
     shapes = [[s for s in f.shapes if is_line(s)] for f in fits]
     out = []
@@ -121,7 +130,8 @@ def _yaml_of_lines(which: int, fits: list[Fit]) -> list[str]:
 
 
 def _bias_lines(c: Calibration) -> list[str]:
-    """Bias by lifetime: this unit's own, as the 1 sigma of units like it, and the scatter."""
+    """The lines for the gyro bias by lifetime: the size of this unit's own bias, as the 1 sigma of
+    units like it, and the scatter between sessions and between runs."""
     session = np.zeros(3) if c.session_sigma is None else c.session_sigma
     return [
         f"  {key}: [{', '.join(f'{v:.4g}' for v in values / factor(key))}]{comment}"

@@ -1,4 +1,4 @@
-"""Results as people read them: the table on the screen, and one self-contained HTML page."""
+"""An evaluation's results for people: the table on the screen, and one self-contained HTML page."""
 
 import base64
 import csv
@@ -36,28 +36,28 @@ KINDS = {
     "pool": "layers over moments in time",
     "filter": "layers that weigh filtered moments",
 }
-"""A network's cell, in words."""
+"""The kinds of networks, by cell, in words."""
 _MOST_RECORDINGS = 8
-"""Recordings whose headings are drawn, at most."""
+"""Largest number of recordings whose headings are drawn."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What was evaluated on."""
+    """What an evaluation is of: a dataset's split or a log, and what is known of its sensor."""
 
     name: str
     against: str | None
-    """truth or reference; None where nobody knows the headings"""
+    """truth or reference, which errors are relative to; None where the headings are not known"""
     notes: list[str]
     records: Callable[[], Iterable[Record]] = field(repr=False)
-    """A few, for the Allan figure, read when it is drawn; at least `samples` each."""
+    """Reads a few recordings for the Allan figure when it is drawn; `samples` or more each."""
     samples: int
     rate_hz: float
     latitude: float
     """rad"""
     identity: str
     imu: ImuModel | None = None
-    """The sensor's law, where it is known."""
+    """The sensor's error model, where it is known."""
     sensor: str | None = None
     """The sensor's name."""
     configuration: Mapping | None = None
@@ -67,6 +67,8 @@ class Subject:
 
 @dataclass(frozen=True)
 class Result:
+    """An evaluation's results: all that the table and the page show."""
+
     subject: Subject
     rows: Mapping[tuple[str, float], Summary]
     """Summaries by estimator and window length."""
@@ -74,29 +76,32 @@ class Result:
     """|error| in degrees, by estimator and window length."""
     notes: list[str]
     reach: Mapping[str, Mapping[float, Reach]]
-    """Estimator -> error in degrees -> how long a window it takes."""
+    """Estimator -> error in degrees -> the window length that it takes."""
     over_floor: Mapping[tuple[str, float], Ratio]
-    """RMSE over the floor's on the same windows, where it was asked for."""
+    """RMSE over the floor's on the same windows, where the floor was asked for."""
     by_heading: Mapping[tuple[str, float], list[dict]]
     """By estimator and window length: heading_deg, windows, rmse_deg and its interval (low and
     high, or None) of each sector."""
     headings: Table = field(default_factory=dict, repr=False)
-    """Where nobody knows the headings: what was answered, and nothing of the above."""
+    """The estimators' answers where the headings are not known; the fields above are then empty."""
     verdicts: Sequence[str] = ()
     """Whether north can be found at all, in plain sentences."""
     learned: tuple[str, ...] = ()
-    """Which of the estimators were trained."""
+    """Names of the estimators that were trained."""
 
     @property
     def estimators(self) -> list[str]:
+        """Names of the estimators, in their order."""
         return list(dict.fromkeys(name for name, _ in self.rows))
 
 
 def cells(result: Result) -> list[list[str]]:
+    """The table's rows as text, in the columns' order; angles in degrees."""
     return [_cells(*key, s, result.over_floor.get(key)) for key, s in result.rows.items()]
 
 
 def _cells(name: str, window: float, s: Summary, over: Ratio | None) -> list[str]:
+    """One row of the table as text."""
     low, high = (s.intervals or {}).get("rmse_deg", (np.nan, np.nan))
     nse, us = s.mean_normalised_squared_error, s.microseconds_a_window
     return [
@@ -114,7 +119,7 @@ def _cells(name: str, window: float, s: Summary, over: Ratio | None) -> list[str
 
 
 def table(result: Result) -> str:
-    """The table for the screen; degrees."""
+    """The table for the screen, in degrees: of errors, or of headings where errors are unknown."""
     if result.headings:
         title = f"Headings in degrees, which nothing is there to check: {result.subject.name}"
         head, lines, more = one_by_one(result.headings)
@@ -125,7 +130,8 @@ def table(result: Result) -> str:
 
 
 def _lined_up(head: list[str], lines: Sequence[Sequence[str]]) -> list[str]:
-    """A header, a rule and lines, the first column to the left and all others to the right."""
+    """A header, a rule and rows as aligned text: the first column to the left, others to the
+    right."""
     every = [head, *lines]
     widths = [max(len(row[i]) for row in every) for i in range(len(head))]
     found = [
@@ -139,7 +145,8 @@ def _lined_up(head: list[str], lines: Sequence[Sequence[str]]) -> list[str]:
 
 
 def write_page(path: Path, result: Result, run: str | None) -> Path:
-    """The report; `run` is the training run that was evaluated, if one was."""
+    """Write the report as an HTML page and return its path. run : the training run that was
+    evaluated, if one was."""
     template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(
         (files("lbgc.report") / "page.html.j2").read_text(encoding="utf-8")
     )
@@ -164,8 +171,8 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
 
 
 def _beside_the_paper(result: Result) -> list[dict]:
-    """Median and IQR of the plain mean, the paper's baseline, and of what was learned, beside
-    the paper's, which has no other estimators."""
+    """Median and IQR of the plain mean, which is the paper's baseline, and of learned estimators,
+    beside the paper's figures. The paper has no other estimators."""
     return [
         {
             "estimator": name,
@@ -183,7 +190,8 @@ def _beside_the_paper(result: Result) -> list[dict]:
 
 
 def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | None:
-    """How much of the gyro's bias repeats: all that a learner can ever remove."""
+    """Sizes of the gyro's bias by lifetime, deg/h, and the share that repeats: all that a learner
+    can ever remove. None for a real log."""
     if configuration is None:
         return None
     gyro = build(ImuConfig, configuration["imu"]).gyro.triad()
@@ -202,6 +210,7 @@ def _bias_split(configuration: Mapping | None, run: Mapping | None) -> dict | No
 
 
 def _published_parameters(run: Mapping | None) -> int | None:
+    """The paper's number of parameters for a network like this run's, or None."""
     if run is None or run["model"]["cell"] != "lstm":
         return None
     return paper.PARAMETERS.get((run["model"]["layers"], run["model"]["hidden"]))
@@ -209,7 +218,7 @@ def _published_parameters(run: Mapping | None) -> int | None:
 
 def _pictures(result: Result, run: str | None) -> list[dict]:
     """Titles and PNG data of the figures, in the page's order."""
-    drawn = _of_errors(result) if result.rows else _of_headings(result)
+    drawn = _error_pictures(result) if result.rows else _heading_pictures(result)
     drawn.append(("Allan deviation of the data", figures.png(_allan(result.subject))))
     if run is not None and (Path(run) / "history.csv").is_file():
         drawn.append(("Loss curve", figures.png(_loss_curve(Path(run) / "history.csv"))))
@@ -219,8 +228,9 @@ def _pictures(result: Result, run: str | None) -> list[dict]:
     return [{"title": t, "data": base64.b64encode(png).decode()} for t, png in drawn]
 
 
-def _of_headings(result: Result) -> list[tuple[str, bytes]]:
-    """The longest windows' headings against time, a figure for each of the first recordings."""
+def _heading_pictures(result: Result) -> list[tuple[str, bytes]]:
+    """Titles and PNGs where headings are not known: the longest windows' headings against time, one
+    figure for each of the first recordings."""
     longest = max(window for _, window in result.headings)
     drawn = []
     by_recording: dict[str, dict[str, tuple[np.ndarray, ...]]] = {}
@@ -234,7 +244,8 @@ def _of_headings(result: Result) -> list[tuple[str, bytes]]:
     return drawn
 
 
-def _of_errors(result: Result) -> list[tuple[str, bytes]]:
+def _error_pictures(result: Result) -> list[tuple[str, bytes]]:
+    """Titles and PNGs where headings are known: errors by window length, by heading, box plots."""
     by_name = {n: {w: v for (m, w), v in result.sizes.items() if m == n} for n in result.estimators}
     rmse = {
         n: (
@@ -251,8 +262,8 @@ def _of_errors(result: Result) -> list[tuple[str, bytes]]:
 
 
 def _by_heading(result: Result) -> Figure:
-    """Error by heading, of the longest windows that every estimator answered, or else of the
-    longest."""
+    """The figure of errors by heading, of the longest windows that every estimator answered, or
+    else of the longest windows."""
     lengths = {w for _, w in result.rows}
     common = {w for w in lengths if all((n, w) in result.rows for n in result.estimators)}
     longest = max(common or lengths)
@@ -265,6 +276,7 @@ def _by_heading(result: Result) -> Figure:
 
 
 def _allan(subject: Subject) -> Figure:
+    """The figure of the gyros' Allan deviation: that of the data, and of a dataset's own model."""
     n, dt = subject.samples, 1 / subject.rate_hz
     taus = octave_taus(n, dt)
     measured = overlapping_deviation((r.gyro[:n] for r in subject.records()), dt, taus)

@@ -1,4 +1,4 @@
-"""The paper's published figures, to stand beside ours: Engelsman & Klein, tables III, I and of
+"""The paper's published figures, for comparison: Engelsman & Klein, tables III, I and that of
 hyperparameters."""
 
 from collections.abc import Mapping

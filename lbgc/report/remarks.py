@@ -1,19 +1,19 @@
-"""What a fit has to say besides its figures, in plain sentences: what the mean does beyond noise,
-and what counts do to what can be told."""
+"""Remarks on a fit in plain sentences: changes of the mean that are not noise, and the effect of
+counts on what can be told."""
 
 from lbgc.sensor.fitting.counts import Counts
 from lbgc.sensor.fitting.noise_fit import Fit
 from lbgc.sensor.fitting.warmup import MeanChange
 from lbgc.units import factor, unit_of
 
-# of what drifts, and of counts: keys whose units the user knows, for a gyro and an accelerometer
+# keys whose units a change of the mean, and a count, are told in, for a gyro and an accelerometer
 _SIZE = ("warmup_deg_per_h", "warmup_ug")
 _COUNT = ("count_deg_per_s", "count_ug")
 _WORTH_SAYING = 5.0  # counts of noise, below which rounding is more than 0.3% of the variance
 
 
 def remarks(fit: Fit, which: int) -> list[str]:
-    """which : 0 for a gyro, 1 for an accelerometer."""
+    """All remarks on one axis's fit. which : 0 for a gyro, 1 for an accelerometer."""
     said = [of_course(course, which) for course in fit.courses]
     if fit.counts is not None:
         said += of_counts(fit.counts, which)
@@ -25,6 +25,7 @@ def remarks(fit: Fit, which: int) -> list[str]:
 
 
 def of_course(c: MeanChange, which: int) -> str:
+    """The remark on a change of the mean: a warm-up, a drift or a step, and its size."""
     key = _SIZE[which]
     size, unit = c.size / factor(key), unit_of(key)
     what = {
@@ -44,6 +45,7 @@ def of_course(c: MeanChange, which: int) -> str:
 
 
 def of_counts(c: Counts, which: int) -> list[str]:
+    """The remark on the output's counts, if any: their size, and what they hide of the noise."""
     key = _COUNT[which]
     size = f"counts of {c.lsb / factor(key):.4g} {unit_of(key)}"
     slow = ""

@@ -1,1 +1,2 @@
-"""What an IMU does to the truth: its noise terms, its error model, and Allan analysis."""
+"""The errors of an IMU: noise terms, the error model, its datasheet keys, and their estimation from
+recordings by fit, Allan analysis and calibration."""

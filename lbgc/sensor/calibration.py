@@ -1,11 +1,12 @@
-"""What repeats of a unit's gyro error: bias, scale, misalignment, from labelled recordings.
+"""Calibration of a unit's repeatable gyro error, that is bias, scale factor and misalignment, from
+labelled recordings.
 
 Each recording gives a mean rate at a known heading and attitude. Earth's rate in the body is known
-there, so what is left over is split: a constant is the unit's bias, what scatters about it is the
-session's and the run's, and what follows Earth's horizontal rate is scale and misalignment
-(`lbgc.sensor.scale_misalignment`). The vertical rate is the same at every heading, so the third
-column of M hides in the bias. What all that is worth is told on recordings that it was not fitted
-to.
+there, so the rest is the gyros' error, and it is split: its constant is the unit's bias, its
+scatter is the session's and the run's bias, and the part proportional to Earth's horizontal rate is
+scale factor and misalignment (`lbgc.sensor.scale_misalignment`). The vertical rate is the same at
+every heading, so the third column of M cannot be told from the bias. What the calibration is worth
+is judged on recordings that it was not fitted to.
 """
 
 from collections.abc import Callable
@@ -20,101 +21,115 @@ from lbgc.sensor.lifetimes import Lifetimes, by_lifetime, student_interval
 from lbgc.sensor.scale_misalignment import Gain, gain
 
 FEWEST = 3
-"""Recordings without which nothing is split."""
+"""The least number of recordings that can be split."""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What taking an error out does to headings of recordings that it was not fitted to."""
+    """The result of a cross-validation: how much correcting an error improves the headings of
+    recordings that it was not estimated from."""
 
     heading_rmse: float
-    """rad, of the corrected mean, each group of recordings corrected by what all others tell"""
+    """rad, heading RMSE of the corrected means, each group of recordings corrected by the estimate
+    from all others"""
     gain: float
-    """rad^2, by how much its mean square error is less than the plain mean's"""
+    """rad^2, by how much the mean square heading error is below that of uncorrected means"""
     gain_sigma: float
-    """rad^2, standard error of that, from group to group"""
+    """rad^2, standard error of the gain, from its scatter over the groups"""
     groups: int
+    """Number of groups"""
     by_session: bool
     """Whether a group is a session; else it is one recording"""
 
     @property
     def says(self) -> int:
-        """1: better; -1: worse; 0: these recordings cannot tell (two-sided, 95%)."""
+        """Whether the correction makes headings better (1) or worse (-1); 0 where these recordings
+        cannot tell (two-sided, 95%)."""
         limit = stats.t.ppf(0.975, self.groups - 1) * self.gain_sigma
         return int(np.sign(self.gain)) if abs(self.gain) > limit else 0
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """SI units; (3,) are forward, right, down of the body."""
+    """A unit's calibration: its repeatable gyro error, split. SI units; axes (3,) are forward,
+    right and down of the body."""
 
     recordings: int
+    """Number of recordings"""
     sessions: int | None
-    """Power-ups that they are from; None where that is not known"""
+    """Number of power-ups that they are from; None where that is not known"""
     mean_error: np.ndarray
-    """(3,), of the recordings' rates, whatever makes it"""
+    """(3,), rad/s, mean error of the recordings' rates, whatever its causes"""
     bias: np.ndarray
-    """(3,), the constant beside what follows Earth's horizontal rate; where the headings do not
-    tell all of that, with what it is on average"""
+    """(3,), rad/s, the constant error besides the part that follows Earth's horizontal rate. Where
+    the headings do not tell all of that part, its mean is in the bias"""
     bias_sigma: np.ndarray
-    """(3,), its standard error"""
+    """(3,), rad/s, standard error of the bias"""
     bias_interval: np.ndarray
-    """(2, 3), 95%, by Student's t"""
+    """(2, 3), rad/s, 95% interval of the bias, by Student's t"""
     run_sigma: np.ndarray
-    """(3,), spread of the recordings about it (about their session's, where sessions are known):
-    run bias and in-run noise together"""
+    """(3,), rad/s, standard deviation of the recordings about the bias (about their session's,
+    where sessions are known): run bias and in-run noise together"""
     run_interval: np.ndarray
-    """(2, 3), 95%"""
+    """(2, 3), rad/s, 95% interval of `run_sigma`"""
     session_sigma: np.ndarray | None
-    """(3,), spread of the sessions' own biases, zero where the scatter within sessions explains
-    theirs; None where there is one session, or one recording a session"""
+    """(3,), rad/s, standard deviation of the sessions' own biases, zero where the scatter within
+    sessions explains that of their means; None where there is one session, or one recording a
+    session"""
     session_interval: np.ndarray | None
-    """(2, 3), 95%"""
+    """(2, 3), rad/s, 95% interval of `session_sigma`"""
     matrix: np.ndarray | None
-    """(2, 2), scale and misalignment of the horizontal axes; None where the headings do not tell"""
+    """(2, 2), scale factor errors and misalignments of the horizontal axes; None where the headings
+    do not tell them"""
     matrix_sigma: np.ndarray | None
-    """(2, 2)"""
+    """(2, 2), standard errors of `matrix`"""
     matrix_interval: np.ndarray | None
-    """(2, 2, 2), 95%, low and high first"""
+    """(2, 2, 2), 95% intervals of `matrix`, low and high along the first axis"""
     missing: str | None
-    """What the headings lack for it"""
+    """The headings or recordings that are missing for `matrix`; None where it is told"""
     across_rms: float
-    """Rms of the horizontal rate error's part across north, rad/s: what turns the heading"""
+    """Rms of the horizontal rate error's part across north, rad/s, which turns the heading"""
     along_mean: float
-    """Mean of the horizontal rate error's part along north, rad/s: what only changes the rate's
-    size"""
+    """Mean of the horizontal rate error's part along north, rad/s, which changes only the size of
+    the horizontal rate"""
     along_sigma: float
+    """Standard deviation of that part over the recordings, rad/s"""
     heading_rmse: float
-    """rad, of the plain mean"""
+    """rad, heading RMSE of the uncorrected means"""
     without_bias: LeftOut
+    """Cross-validation of taking the mean error out as a bias"""
     without_all: LeftOut | None
-    """Bias, scale and misalignment; None where they are not told, be it by all but one"""
+    """Cross-validation of taking bias, scale factor and misalignment out; None where these are not
+    told by all groups but one, whichever is left out"""
 
 
 @dataclass(frozen=True)
 class LabelledMeans:
-    """Mean rates of resting recordings of one unit, and the truth about them."""
+    """Mean rates of R resting recordings of one unit, and the truth about them."""
 
     rates: np.ndarray
-    """(R, 3), rad/s"""
+    """(R, 3), rad/s, mean rates in the body"""
     heading: np.ndarray
-    """(R,), rad"""
+    """(R,), rad, true heading"""
     level: np.ndarray
-    """(R, 3, 3), takes body vectors to the level frame whose x lies along the heading"""
+    """(R, 3, 3), matrix from the body to the level frame whose x axis lies along the heading"""
     truth: np.ndarray
     """(R, 3), rad/s, Earth's rate in the body"""
     session: np.ndarray
-    """(R,), labels"""
+    """(R,), label of each recording's session"""
 
     @property
     def error(self) -> np.ndarray:
+        """(R, 3), rad/s, the gyros' errors: mean rates less Earth's rate."""
         return np.asarray(self.rates - self.truth)
 
     def rows(self, pick: np.ndarray) -> "LabelledMeans":
+        """The recordings that `pick` selects, an index or a mask along the recordings."""
         return LabelledMeans(**{name: values[pick] for name, values in vars(self).items()})
 
     def heading_error(self, mended: np.ndarray) -> np.ndarray:
-        """rad, (R,), of the heading that these rates (R, 3) give."""
+        """The error, rad, (R,), of the headings that these rates (R, 3), rad/s, give when they are
+        levelled."""
         x, y, _ = np.einsum("rij,rj->ir", self.level, mended)
         return wrap(np.arctan2(-y, x) - self.heading)
 
@@ -126,6 +141,7 @@ def _resting(
     session: np.ndarray | None,
     tilt: tuple[np.ndarray, np.ndarray] | None,
 ) -> LabelledMeans:
+    """The labelled means for the arguments of `calibrate`."""
     none = np.zeros(len(rates))
     roll, pitch = (none, none) if tilt is None else tilt
     level = euler_to_matrix(roll, pitch, none)
@@ -141,9 +157,12 @@ def calibrate(
     session: np.ndarray | None = None,
     tilt: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Calibration:
-    """rates : (R, 3), rad/s, means of resting recordings, R >= 3; heading : (R,), rad; latitude :
-    rad, of all or (R,); session : (R,), which power-up each is from, where that is known; tilt :
-    roll and pitch, (R,) each, rad: level if not given."""
+    """Calibrate a unit's gyros from its resting recordings at known headings.
+
+    rates : (R, 3), rad/s, the recordings' means, R >= 3; heading : (R,), rad; latitude : rad, one
+    for all or (R,); session : (R,), the power-up that each is from, where that is known; tilt :
+    roll and pitch, (R,) each, rad, level where not given.
+    """
     data = _resting(rates, heading, latitude, session, tilt)
     found, times, bias_sigma = _fitted(data)
     turned = np.einsum("rij,rj->ri", data.level, data.error)
@@ -179,8 +198,8 @@ def calibrate(
 
 
 def _fitted(data: LabelledMeans) -> tuple[Gain, Lifetimes, np.ndarray]:
-    """What follows Earth's rate, what does not by lifetime, and the constant's standard error,
-    (3,): with what the uncertain slopes add at the headings' middle."""
+    """The gain on Earth's rate, the rest of the error split by lifetime, and the standard error
+    (3,) of the bias, which includes what the uncertain gain adds at the mean horizontal rate."""
     found = gain(data.error, data.truth, data.session)
     k = found.directions.shape[1]
     told = {"within": k} if found.within else {"between": k}
@@ -191,12 +210,15 @@ def _fitted(data: LabelledMeans) -> tuple[Gain, Lifetimes, np.ndarray]:
 
 
 Told = tuple[np.ndarray, np.ndarray | None]
-"""A bias (3,), rad/s, and M (3, 3) or None."""
+"""An estimated correction: a bias (3,), rad/s, and M (3, 3) or None."""
 
 
 def _left_out_of_all(data: LabelledMeans, plain: np.ndarray) -> LeftOut | None:
-    """Bias, scale and misalignment taken out of those left out; None where the headings of the
-    others do not tell them."""
+    """Cross-validation of correcting bias, scale factor and misalignment; None where the headings
+    of some group's others do not tell these.
+
+    plain : (R,), rad, heading errors of the uncorrected means.
+    """
 
     def told(others: LabelledMeans) -> Told:
         found, times, _ = _fitted(others)
@@ -211,16 +233,17 @@ def _left_out_of_all(data: LabelledMeans, plain: np.ndarray) -> LeftOut | None:
 
 
 class _NotTold(Exception):
-    """Scale and misalignment do not show in these recordings."""
+    """The headings of these recordings do not tell scale factor and misalignment."""
 
 
 def _left_out(
     data: LabelledMeans, plain: np.ndarray, told: Callable[[LabelledMeans], Told]
 ) -> LeftOut:
-    """Each session's headings (each recording's, where there are not three sessions) corrected by
-    what the others tell.
+    """Cross-validation of a correction: the headings of each session (of each recording, where
+    there are fewer than three sessions) are corrected by the estimate from all others.
 
-    plain : (R,), rad, heading errors of the plain mean; told : what some recordings tell.
+    plain : (R,), rad, heading errors of the uncorrected means; told : estimates the correction from
+    recordings.
     """
     by_session = len(np.unique(data.session)) > 2
     group = data.session if by_session else np.arange(len(plain))
@@ -252,11 +275,12 @@ def odd_one_out(
     tilt: tuple[np.ndarray, np.ndarray] | None = None,
     false_alarms: float = 1e-6,
 ) -> tuple[int, int, float, float] | None:
-    """The recording whose rate is none of the others': its number, axis, distance and the others'
-    scatter, rad/s; None where there is none.
+    """The outlier among recordings, whose rate does not agree with the others': its number, its
+    axis, its distance and the others' scatter, rad/s. None where there is no outlier.
 
-    By externally studentised residuals of what calibration fits, which are Student's t: of all of a
-    set at rest, so many false alarms. Arguments as `calibrate` takes them.
+    The test takes the externally studentised residuals of the model that `calibrate` fits, whose
+    law is Student's t. false_alarms : the chance that a set of recordings, all at rest, has an
+    outlier by chance. The other arguments are those of `calibrate`.
     """
     data = _resting(rates, heading, latitude, session, tilt)
     found = gain(data.error, data.truth, data.session)
@@ -267,7 +291,8 @@ def odd_one_out(
     design = np.column_stack([constants, data.truth[:, :2] @ found.directions / EARTH_RATE])
     q, _ = np.linalg.qr(design)
     rest = data.error - q @ (q.T @ data.error)
-    leverage = 1 - np.sum(q**2, axis=1)[:, None]  # the share of an own error left in its residual
+    # One less the leverage: the share of a recording's own error that is left in its residual.
+    leverage = 1 - np.sum(q**2, axis=1)[:, None]
     freedom = len(rates) - design.shape[1] - 1
     if freedom < 2:
         return None

@@ -1,6 +1,7 @@
 """From a triad's datasheet figures to SI, and which of two keys that say one thing counts."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,13 @@ import numpy as np
 from lbgc import units
 from lbgc.errors import InputError, require
 from lbgc.sensor import rows
+from lbgc.sensor.deterministic import STARTED
 from lbgc.sensor.errors import FIRST, FORCE, NONE, Proportional, Triple
+from lbgc.sensor.gaussian import GaussianTerm
 from lbgc.sensor.imu import Triad
 from lbgc.sensor.instability import allan_minimum, instability
+from lbgc.sensor.low_pass import LowPass
+from lbgc.sensor.noise import Flicker, RandomWalk, White
 
 _AGREE = 0.15
 """Two keys for one figure may differ by so much: datasheets round."""
@@ -18,38 +23,49 @@ _AGREE = 0.15
 
 def to_si(config: Any) -> Triad:
     """The triad of a GyroConfig or AccelConfig. Raises InputError."""
-    keys = rows.keys_of(config)
-
-    def axes(part: str) -> Triple:
-        return _axes(config, keys[part][0])
-
-    def optional(part: str) -> float | None:
-        (key,) = keys[part]
-        value = getattr(config, key)
-        return None if value is None else units.factor(key) * value
-
-    corners = (config.flicker_short_s, config.flicker_long_s)
-    white, walk = _one_of(config, keys["N"]), axes("K")
+    every = [list(_terms(config, axis)) for axis in (0, 1, 2)]
+    low_pass = [next((t for t in own if isinstance(t, LowPass)), None) for own in every]
+    after = [
+        [t if f is None else t.behind(f) for t in own if not isinstance(t, LowPass)]
+        for own, f in zip(every, low_pass, strict=True)
+    ]
+    counts = [kind(_figure(config, key)) for key, kind in rows.named("counts", config).items()
+              if getattr(config, key) is not None]  # fmt: skip
+    (limit,) = rows.named("limit", config)
     return Triad(
-        N=white,
-        B=_flicker(config, keys["B"][0], keys["minimum"], white, walk, corners),
-        K=walk,
-        flicker_corners=corners,
-        gauss_markov_time=_axes(config, "gauss_markov_s"),
-        lines=tuple(_line(line) for line in config.lines),
-        bandwidth_hz=None if config.bandwidth_hz is None else _axes(config, "bandwidth_hz"),
-        damping=_plain(config, "filter_damping"),
+        terms=tuple(tuple(t for t in own if isinstance(t, GaussianTerm)) for own in after),
+        started=tuple(
+            tuple(t for kind in STARTED for t in own if isinstance(t, kind)) for own in after
+        ),
         drawn=_drawn(config),
-        Q=axes("Q"),
-        R=axes("R"),
-        gauss_markov=axes("gauss_markov"),
-        tone_hz=axes("tone_hz"),
-        tone=axes("tone"),
-        lsb=optional("lsb"),
-        carried_lsb=optional("carried_lsb"),
-        range=optional("range"),
-        keys={part: keys[part][0] for part in ("lsb", "carried_lsb", "range")},
+        low_pass=tuple(f for f in low_pass if f is not None) or None,
+        counts=counts[0] if counts else None,
+        range=None if getattr(config, limit) is None else _figure(config, limit),
+        keys={
+            "range": limit,
+            **{kind.part: key for key, kind in rows.named("counts", config).items()},
+        },
     )
+
+
+def _terms(config: Any, axis: int) -> Iterator[Any]:
+    """What evolves within a recording on an axis, and its output filter, in the order of the
+    table; what has a size of zero is left out."""
+    for own in rows.terms_of(config):
+        if isinstance(own, str):
+            for line in getattr(config, own):
+                yield from _terms(line, axis)
+            continue
+        kind, parameters = own
+        figures = {name: _parameter(config, keys) for name, keys in parameters.items()}
+        if figures[fields(kind)[0].name][axis] > 0:
+            yield kind(**{name: values[axis] for name, values in figures.items()})
+
+
+def _parameter(config: Any, keys: Sequence[str]) -> Triple:
+    """A term's parameter on each axis, from whichever of its keys is given."""
+    lowest = [key for key in keys if key in rows.named("minimum", config)]
+    return _flicker(config, keys[0], lowest) if lowest else _one_of(config, keys)
 
 
 def _drawn(config: Any) -> tuple[Proportional, ...]:
@@ -59,27 +75,26 @@ def _drawn(config: Any) -> tuple[Proportional, ...]:
         found[kind.name] = found.get(kind.name, kind).sized(size, _axes(config, key))
     # An accelerometer's, too, is drawn: as it always was.
     found.setdefault("g_sensitivity", Proportional("g_sensitivity", "", "unit", FORCE, cross=NONE))
-    later = [name for name in found if name not in FIRST]
+    later = [n for n, kind in found.items() if n not in FIRST and kind.sigma.any()]
     return tuple(found[name] for name in (*FIRST, *later))
 
 
-def _line(line: Any) -> tuple[Triple, Triple, Triple, Triple]:
-    """Rms, centre, width and number of poles of each axis, SI."""
-    size, centre, width = (_axes(line, key) for key in vars(line) if key != "poles")
-    return size, centre, width, _plain(line, "poles")
-
-
-def _plain(config: Any, key: str) -> Triple:
-    """A figure without a unit."""
-    x, y, z = np.broadcast_to(getattr(config, key), 3).tolist()
-    return (x, y, z)
+def _figure(config: Any, key: str) -> float:
+    """A figure that all axes share, SI."""
+    return float(_scale(key) * getattr(config, key))
 
 
 def _axes(config: Any, key: str) -> Triple:
+    """A figure of each axis, SI."""
     value = getattr(config, key)
     x, y, z = value if isinstance(value, list) else [value] * 3
-    scale = units.factor(key)
+    scale = _scale(key)
     return (scale * x, scale * y, scale * z)
+
+
+def _scale(key: str) -> float:
+    """SI per unit of a key; 1 of a pure number."""
+    return units.factor(key) if units.unit_of(key) else 1.0
 
 
 def _one_of(config: Any, keys: Sequence[str]) -> Triple:
@@ -100,14 +115,7 @@ def _one_of(config: Any, keys: Sequence[str]) -> Triple:
     return first
 
 
-def _flicker(
-    config: Any,
-    own: str,
-    minimum: Sequence[str],
-    white: Triple,
-    walk: Triple,
-    corners: tuple[float, float],
-) -> Triple:
+def _flicker(config: Any, own: str, minimum: Sequence[str]) -> Triple:
     """B of each axis, as given or from the Allan deviation's minimum; an axis whose minimum is zero
     has none."""
     named = next((key for key in minimum if getattr(config, key) is not None), None)
@@ -120,6 +128,10 @@ def _flicker(
                 f"and {own} = {getattr(config, own)} are two statements of one thing; give one",
             )
         return _axes(config, own)
+    kinds = dict(one for one in rows.terms_of(config) if not isinstance(one, str))
+    white, walk = _one_of(config, kinds[White]["N"]), _one_of(config, kinds[RandomWalk]["K"])
+    short, long = (_one_of(config, kinds[Flicker][name])[0] for name in ("T_short", "T_long"))
+    corners = (short, long)
     found = []
     for lowest, N, K in zip(_one_of(config, minimum), white, walk, strict=True):
         least, _ = allan_minimum(N, 0.0, K, corners)

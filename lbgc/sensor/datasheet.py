@@ -1,17 +1,21 @@
 """An IMU in datasheet units: what `conf/imu/*.yaml` holds, and its one conversion to SI."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from lbgc.errors import Axes, require, require_not_negative
-from lbgc.sensor import kalibr
+from lbgc.sensor import kalibr, noise
 from lbgc.sensor.conversion import to_si
-from lbgc.sensor.errors import FORCE, ONE, TRUTH, Surroundings
+from lbgc.sensor.counting import CarriedCounts, RateCounts
+from lbgc.sensor.deterministic import Ramp, Sinusoid
+from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH, Surroundings, Triple
 from lbgc.sensor.imu import ImuModel, Timing, Triad
-from lbgc.sensor.rows import bias, drawn, figure, keys_of
+from lbgc.sensor.low_pass import LowPass
+from lbgc.sensor.rows import alternatives, bias, counts, drawn, limit, minimum, named, several, term
+from lbgc.units import GAUSS
 
 _GAIN, _WARMS = "scale and misalignment", "warming up"
 
@@ -20,13 +24,13 @@ _GAIN, _WARMS = "scale and misalignment", "warming up"
 class GyroLine:
     """A line that wanders about its frequency; an axis without it has a size of zero."""
 
-    deg_per_h: Axes
+    deg_per_h: Axes = term(noise.Line, "sigma", MISSING)
     """The line's rms."""
-    hz: Axes
+    hz: Axes = term(noise.Line, "f0", MISSING)
     """The line's centre."""
-    width_hz: Axes
+    width_hz: Axes = term(noise.Line, "width", MISSING)
     """The line's full width at half power."""
-    poles: Axes = 2
+    poles: Axes = term(noise.Line, "poles", 2)
     """2: steep flanks, a frequency that wanders; 1: a damped resonance's gentle ones."""
 
     def __post_init__(self) -> None:
@@ -35,15 +39,15 @@ class GyroLine:
 
 @dataclass(frozen=True)
 class AccelLine:
-    """A line in the accelerometers' noise that wanders about its frequency, as `GyroLine`."""
+    """A line in the accelerometers' noise that wanders about its frequency, as a gyro's does."""
 
-    ug: Axes
+    ug: Axes = term(noise.Line, "sigma", MISSING)
     """The line's rms."""
-    hz: Axes
+    hz: Axes = term(noise.Line, "f0", MISSING)
     """The line's centre."""
-    width_hz: Axes
+    width_hz: Axes = term(noise.Line, "width", MISSING)
     """The line's full width at half power."""
-    poles: Axes = 2
+    poles: Axes = term(noise.Line, "poles", 2)
     """2: steep flanks, a frequency that wanders; 1: a damped resonance's gentle ones."""
 
     def __post_init__(self) -> None:
@@ -74,42 +78,46 @@ def _check_three(config: object) -> None:
 class GyroConfig:
     """A gyro triad in datasheet units. A figure is one number or three: forward, right, down."""
 
-    arw_deg_per_sqrt_h: Axes | None = figure("N", None)
+    arw_deg_per_sqrt_h: Axes | None = term(noise.White, "N", None)
     """Angle random walk N, the root of the two-sided density, as calibration files (Kalibr) print
     it; null: see the next."""
-    noise_deg_per_s_per_sqrt_hz: Axes | None = figure("N", None)
+    noise_deg_per_s_per_sqrt_hz: Axes | None = term(noise.White, "N", None)
     """Or as a one-sided rate noise density, as datasheets print it: N is this over sqrt(2). Null in
     both: none."""
-    bias_instability_deg_per_h: Axes | None = figure("B", None)
+    bias_instability_deg_per_h: Axes | None = term(noise.Flicker, "B", None)
     """B of IEEE Std 952; flicker's Allan floor is 0.664 of it. Null: see the next."""
-    allan_minimum_deg_per_h: Axes | None = figure("minimum", None)
+    allan_minimum_deg_per_h: Axes | None = minimum(noise.Flicker, "B")
     """Or the lowest point of the Allan deviation, which most datasheets print under that name: B is
     what makes it so beside N and K. Null in both: none."""
-    rrw_deg_per_h_per_sqrt_h: Axes = figure("K")
+    rrw_deg_per_h_per_sqrt_h: Axes = term(noise.RandomWalk, "K")
     """Rate random walk K."""
-    quantisation_arcsec: Axes = figure("Q")
+    quantisation_arcsec: Axes = term(noise.AngleQuantisation, "Q")
     """Quantisation of the integrated output, IEEE Std 952's Q: a carried count over sqrt(12)."""
-    ramp_deg_per_h_per_h: Axes = figure("R")
+    ramp_deg_per_h_per_h: Axes = term(Ramp, "R")
     """Drift R of the rate, its sign new in every recording."""
-    gauss_markov_deg_per_h: Axes = figure("gauss_markov")
+    gauss_markov_deg_per_h: Axes = term(noise.GaussMarkov, "sigma")
     """1 sigma of a first-order Gauss-Markov process."""
-    gauss_markov_s: Axes = 100.0
+    gauss_markov_s: Axes = term(noise.GaussMarkov, "T", 100.0, positive=True)
     """Correlation time of the Gauss-Markov process."""
-    lines: tuple[GyroLine, ...] = ()
+    lines: tuple[GyroLine, ...] = several()
     """Lines that wander, as many as there are."""
-    bandwidth_hz: Axes | None = None
+    bandwidth_hz: Axes | None = term(LowPass, "bandwidth", None, positive=True)
     """Natural frequency of the second-order low-pass behind which the white noise, the tone and
     what moves come out; null: the mean over the sample's interval alone."""
-    filter_damping: Axes = 0.707107
+    filter_damping: Axes = term(LowPass, "damping", 0.707107, positive=True)
     """Damping ratio of the low-pass filter; 0.707 (Butterworth) makes the bandwidth its -3 dB
     point."""
     g_sensitivity_deg_per_h_per_g: Axes = drawn(
         "g_sensitivity", "g-sensitivity", "unit", FORCE, "cross"
     )
     """Sensitivity of each gyro to specific force along each axis, 1 sigma between units."""
-    flicker_short_s: float = 1.0
+    magnetic_deg_per_h_per_gauss: Axes = drawn(
+        "magnetic", "magnetic sensitivity", "unit", FIELD, "cross"
+    )
+    """Sensitivity of each gyro to the magnetic field along each axis, 1 sigma between units."""
+    flicker_short_s: float = term(noise.Flicker, "T_short", 1.0, positive=True)
     """Shortest averaging time of the bias instability's flat floor."""
-    flicker_long_s: float = 3600.0
+    flicker_long_s: float = term(noise.Flicker, "T_long", 3600.0, positive=True)
     """Longest averaging time of the bias instability's flat floor."""
     bias_unit_deg_per_h: Axes = bias("unit")
     """Bias of a unit for its life, 1 sigma between units."""
@@ -125,61 +133,62 @@ class GyroConfig:
     """Bias over temperature rise, 1 sigma between units."""
     scale_per_k_ppm_per_k: Axes = drawn("scale_per_k", _WARMS, "unit", TRUTH, warms=True)
     """Scale factor over temperature rise, 1 sigma between units."""
-    tone_hz: Axes = figure("tone_hz")
+    tone_hz: Axes = term(Sinusoid, "f")
     """Frequency of a steady vibration."""
-    tone_deg_per_h: Axes = figure("tone")
+    tone_deg_per_h: Axes = term(Sinusoid, "amplitude")
     """Amplitude of that vibration; its phase is random."""
-    rate_lsb_deg_per_s: float | None = figure("lsb", None)
+    rate_lsb_deg_per_s: float | None = counts(RateCounts)
     """Output count of a rate output: each sample is rounded; null: it is not."""
-    angle_lsb_arcsec: float | None = figure("carried_lsb", None)
+    angle_lsb_arcsec: float | None = counts(CarriedCounts)
     """Or the count of an angle output: increments are counted and the rest is carried over."""
-    range_deg_per_s: float | None = figure("range", None)
+    range_deg_per_s: float | None = limit()
     """Output is clipped to +- this; null: no limit."""
 
     def __post_init__(self) -> None:
         _validate(self)
 
     def triad(self) -> Triad:
+        """The triad in SI units."""
         return to_si(self)
 
 
 @dataclass(frozen=True)
 class AccelConfig:
-    """An accelerometer triad in datasheet units, as `GyroConfig`."""
+    """An accelerometer triad in datasheet units. A figure is one number or three, as a gyro's."""
 
-    noise_ug_per_sqrt_hz: Axes | None = figure("N", None)
+    noise_ug_per_sqrt_hz: Axes | None = term(noise.White, "N", None)
     """Noise density as datasheets print it, one-sided: N is this over sqrt(2)."""
-    vrw_m_per_s_per_sqrt_h: Axes | None = figure("N", None)
+    vrw_m_per_s_per_sqrt_h: Axes | None = term(noise.White, "N", None)
     """Or as velocity random walk N, the root of the two-sided density, as calibration files
     (Kalibr) print it. Null in both: no white noise."""
-    bias_instability_ug: Axes | None = figure("B", None)
+    bias_instability_ug: Axes | None = term(noise.Flicker, "B", None)
     """B of IEEE Std 952; flicker's Allan floor is 0.664 of it. Null: see the next two."""
-    allan_minimum_ug: Axes | None = figure("minimum", None)
+    allan_minimum_ug: Axes | None = minimum(noise.Flicker, "B")
     """Or the lowest point of the Allan deviation, which most datasheets print under that name: B is
     what makes it so beside N and K."""
-    allan_minimum_mg: Axes | None = figure("minimum", None)
+    allan_minimum_mg: Axes | None = minimum(noise.Flicker, "B")
     """Or the Allan deviation's lowest point in mg. Null in all three: none."""
-    random_walk_ug_per_sqrt_h: Axes = figure("K")
+    random_walk_ug_per_sqrt_h: Axes = term(noise.RandomWalk, "K")
     """Acceleration random walk K."""
-    quantisation_ug_s: Axes = figure("Q")
+    quantisation_ug_s: Axes = term(noise.AngleQuantisation, "Q")
     """Quantisation of the integrated output, IEEE Std 952's Q: a carried count over sqrt(12)."""
-    ramp_ug_per_h: Axes = figure("R")
+    ramp_ug_per_h: Axes = term(Ramp, "R")
     """Drift R of the output, its sign new in every recording."""
-    gauss_markov_ug: Axes = figure("gauss_markov")
+    gauss_markov_ug: Axes = term(noise.GaussMarkov, "sigma")
     """1 sigma of a first-order Gauss-Markov process."""
-    gauss_markov_s: Axes = 100.0
+    gauss_markov_s: Axes = term(noise.GaussMarkov, "T", 100.0, positive=True)
     """Correlation time of the Gauss-Markov process."""
-    lines: tuple[AccelLine, ...] = ()
+    lines: tuple[AccelLine, ...] = several()
     """Lines that wander, as many as there are."""
-    bandwidth_hz: Axes | None = None
+    bandwidth_hz: Axes | None = term(LowPass, "bandwidth", None, positive=True)
     """Natural frequency of the second-order low-pass behind which the white noise, the tone and
     what moves come out; null: the mean over the sample's interval alone."""
-    filter_damping: Axes = 0.707107
+    filter_damping: Axes = term(LowPass, "damping", 0.707107, positive=True)
     """Damping ratio of the low-pass filter; 0.707 (Butterworth) makes the bandwidth its -3 dB
     point."""
-    flicker_short_s: float = 1.0
+    flicker_short_s: float = term(noise.Flicker, "T_short", 1.0, positive=True)
     """Shortest averaging time of the bias instability's flat floor."""
-    flicker_long_s: float = 3600.0
+    flicker_long_s: float = term(noise.Flicker, "T_long", 3600.0, positive=True)
     """Longest averaging time of the bias instability's flat floor."""
     bias_unit_mg: Axes = bias("unit")
     """Bias of a unit for its life, 1 sigma between units."""
@@ -195,21 +204,22 @@ class AccelConfig:
     """Bias over temperature rise, 1 sigma between units."""
     scale_per_k_ppm_per_k: Axes = drawn("scale_per_k", _WARMS, "unit", TRUTH, warms=True)
     """Scale factor over temperature rise, 1 sigma between units."""
-    tone_hz: Axes = figure("tone_hz")
+    tone_hz: Axes = term(Sinusoid, "f")
     """Frequency of a steady vibration."""
-    tone_ug: Axes = figure("tone")
+    tone_ug: Axes = term(Sinusoid, "amplitude")
     """Amplitude of that vibration; its phase is random."""
-    lsb_ug: float | None = figure("lsb", None)
+    lsb_ug: float | None = counts(RateCounts)
     """Output count of a force output: each sample is rounded; null: it is not."""
-    velocity_lsb_m_per_s: float | None = figure("carried_lsb", None)
+    velocity_lsb_m_per_s: float | None = counts(CarriedCounts)
     """Or the count of a velocity output: increments are counted and the rest is carried over."""
-    range_g: float | None = figure("range", None)
+    range_g: float | None = limit()
     """Output is clipped to +- this; null: no limit."""
 
     def __post_init__(self) -> None:
         _validate(self)
 
     def triad(self) -> Triad:
+        """The triad in SI units."""
         return to_si(self)
 
 
@@ -230,6 +240,29 @@ class TemperatureConfig:
 
 
 @dataclass(frozen=True)
+class FieldConfig:
+    """The magnetic field around the sensor: Earth's, as a magnetic model or a chart has it, or what
+    the building makes of it. Felt by gyros with a magnetic sensitivity alone."""
+
+    horizontal_gauss: float = 0.0
+    """Strength of its horizontal part: 0.2 to 0.3 in the middle latitudes."""
+    vertical_gauss: float = 0.0
+    """Its vertical part, down: positive in the north."""
+    declination_deg: float = 0.0
+    """Angle of its horizontal part from true north, to the east."""
+
+    def __post_init__(self) -> None:
+        require_not_negative(self, "horizontal_gauss")
+
+    @property
+    def ned(self) -> Triple:
+        """North, east and down, T."""
+        size, angle = GAUSS * self.horizontal_gauss, np.deg2rad(self.declination_deg)
+        north, east = float(size * np.cos(angle)), float(size * np.sin(angle))
+        return (north, east, GAUSS * self.vertical_gauss)
+
+
+@dataclass(frozen=True)
 class TimingConfig:
     """What happens to samples between the sensor and the file."""
 
@@ -244,6 +277,7 @@ class TimingConfig:
         require(self.dropped_share < 1, "dropped_share", self.dropped_share, "must be below 1")
 
     def timing(self) -> Timing:
+        """The same, as it acts on samples."""
         return Timing(self.jitter_s, self.dropped_share)
 
 
@@ -257,8 +291,18 @@ class ImuConfig:
     """What of it is assumed and was never measured: `evaluate` and `bound` name it."""
     timing: TimingConfig = field(default_factory=TimingConfig)
     temperature: TemperatureConfig = field(default_factory=TemperatureConfig)
+    magnetic_field: FieldConfig = field(default_factory=FieldConfig)
     gyro: GyroConfig = field(default_factory=GyroConfig)
     accel: AccelConfig = field(default_factory=AccelConfig)
+
+    def __post_init__(self) -> None:
+        size = self.gyro.magnetic_deg_per_h_per_gauss
+        require(
+            any(self.magnetic_field.ned) or not np.any(size),
+            "gyro.magnetic_deg_per_h_per_gauss",
+            size,
+            "takes a field: say magnetic_field.horizontal_gauss and vertical_gauss, or 0 here",
+        )
 
     @staticmethod
     def adopted(given: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -267,17 +311,21 @@ class ImuConfig:
 
     def model(self, rate_hz: float) -> ImuModel:
         """The sensor in SI units, where it samples at this rate (Hz)."""
-        warming = Surroundings(None, **vars(self.temperature))
-        return ImuModel(self.gyro.triad(), self.accel.triad(), 1 / rate_hz, warming, self.assumed)
-
-
-_MUST_BE_POSITIVE = ("lsb", "range", "flicker", "bandwidth", "damping", "gauss_markov_s")
+        return ImuModel(
+            self.gyro.triad(),
+            self.accel.triad(),
+            1 / rate_hz,
+            Surroundings(**vars(self.temperature)),
+            self.magnetic_field.ned,
+            self.assumed,
+        )
 
 
 def _validate(config: GyroConfig | AccelConfig) -> None:
     _check_three(config)
-    for name, value in vars(config).items():
-        if value is not None and any(part in name for part in _MUST_BE_POSITIVE):
+    for name in named("positive", config):
+        value = getattr(config, name)
+        if value is not None:
             lowest = min(value) if isinstance(value, list) else value
             require(lowest > 0, name, value, "must be greater than zero")
     require(
@@ -291,18 +339,11 @@ def _validate(config: GyroConfig | AccelConfig) -> None:
     asked = np.broadcast_to(getattr(config, size), 3) > 0
     about = f"must be given for {size} = {getattr(config, size)}"
     require(bool((given | ~asked).all()), "tone_hz", config.tone_hz, about)
-    counts = [getattr(config, n) for n in vars(config) if "lsb" in n]
-    both = all(c is not None for c in counts)
-    names = [n for n in vars(config) if "lsb" in n]
-    require(
-        not both, names[1], counts[1], f"and {names[0]} are two outputs; give one, null the other"
-    )
+    (one, other) = named("counts", config)
+    both = getattr(config, one) is not None and getattr(config, other) is not None
+    about = f"and {one} are two outputs; give one, null the other"
+    require(not both, other, getattr(config, other), about)
 
 
-def _alternatives(config: type) -> tuple[set[str], ...]:
-    keys = keys_of(config)
-    return set(keys["N"]), {*keys["B"], *keys["minimum"]}
-
-
-ALTERNATIVES = (*_alternatives(GyroConfig), *_alternatives(AccelConfig))
+ALTERNATIVES = (*alternatives(GyroConfig), *alternatives(AccelConfig))
 """Keys that say one thing in different units or words."""

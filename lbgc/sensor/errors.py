@@ -1,7 +1,8 @@
 """Errors whose size is drawn once, and which then follow something that the sensor feels.
 
 A bias follows nothing, a scale factor error and a misalignment follow what is measured, a gyro's
-g-sensitivity follows the specific force; each may grow with the temperature besides. Of all of them
+g-sensitivity follows the specific force and its magnetic sensitivity the field; each may grow with
+the temperature besides. Of all of them
 the output on axis i is
 
     e_i(t) = u(t) sum_j c_ij x_j(t),    c_ij ~ Normal(0, sigma_ij^2)
@@ -27,8 +28,9 @@ FIRST = (
 """What is drawn first, in this order: changing it changes every dataset's bytes. What was added
 since is drawn after these of its lifetime, and only of a sensor that has it."""
 LIFETIMES = ("unit", "session", "run")
-ONE, TRUTH, FORCE = "nothing", "truth", "force"
-"""What an error may follow: nothing, what its sensor measures, or the specific force."""
+ONE, TRUTH, FORCE, FIELD = "nothing", "truth", "force", "field"
+"""What an error may follow: nothing, what its sensor measures, the specific force, or the magnetic
+field."""
 NONE: Triple = (0.0, 0.0, 0.0)
 
 
@@ -61,8 +63,6 @@ class Proportional:
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...] = ()) -> np.ndarray:
         """c, (*S, 3, 3), or its diagonal, (*S, 3), of so many sensors (or recordings)."""
-        if self.name not in FIRST and not self.sigma.any():
-            return np.zeros((*shape, *self.none().shape))
         if self.cross is None:
             return rng.standard_normal((*shape, 3)) * (self.own or NONE)
         rows = rng.standard_normal((*shape, 3, 3)) * np.array(self.cross)[:, None]
@@ -106,15 +106,22 @@ class Surroundings:
 
     force: np.ndarray | None = None
     """(*S, 3, n) or (*S, 3, 1), m/s^2: the specific force that gyros are sensitive to"""
+    field: np.ndarray | None = None
+    """(*S, 3, n) or (*S, 3, 1), T: the magnetic field in the body's axes"""
     rise_k: float = 0.0
     """Temperature at the end of warming up, less that at power-up"""
     time_s: float = 600.0
     """Time constant of warming up"""
     since_power_up_s: float = 0.0
 
+    def only(self, recording: int) -> "Surroundings":
+        """What acts in one of several recordings."""
+        force, field = (None if x is None else x[recording] for x in (self.force, self.field))
+        return replace(self, force=force, field=field)
+
     def felt(self, kind: str) -> np.ndarray | None:
         """What errors of a kind follow, (*S, 3, n or 1), where it acts at all."""
-        return {FORCE: self.force}.get(kind)
+        return {FORCE: self.force, FIELD: self.field}.get(kind)
 
     def rise_at(self, time_s: np.ndarray) -> np.ndarray:
         """The temperature's rise since power-up, K, at times (*S) since the recording's start."""

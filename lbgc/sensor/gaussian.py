@@ -1,7 +1,7 @@
-"""Gaussian terms and the one engine that draws them, exactly, at any sample interval.
+"""Gaussian error terms, and how they are drawn with their exact law at any sample interval.
 
-A sample is the mean of a continuous-time process w over its interval (t_k - h, t_k]. A term states
-itself once, as a linear state-space model of such interval means,
+A sample is the mean of a continuous-time process w over its interval (t_k - h, t_k]. Each term is
+stated once, as a linear state-space model of such interval means,
 
     x[k+1] = A x[k] + u[k],    y[k] = C x[k] + v[k],    cov(u, v) = [[Q, S], [S', R]],
 
@@ -11,11 +11,11 @@ law at a lower rate all follow from it.
 Because a mean over m samples is the process's mean over an interval of m h, block means of
 ``sample(dt)`` have exactly the law of ``sample(m dt)``: `sample_means` draws just that.
 
-How a path is drawn, exactly and with one normal a sample: time is cut into blocks. Given the state
-x at a block's start, the block's means are ``y = O x + L e`` with e standard normal and L the
-lower-triangular (innovations) factor of their covariance, which a Kalman filter started from a
-known state delivers row by row. The state at the block's end given y is ``F x + G e + W w`` with a
-few more normals w. O, L, F, G, W are the same for every block; nothing is interpolated.
+A path is drawn exactly, and with about one normal variate a sample: time is cut into blocks. Given
+the state x at a block's start, the block's means are ``y = O x + L e`` with e standard normal and L
+the lower-triangular (innovations) factor of their covariance, which a Kalman filter that starts
+from a known state gives row by row. The state at the block's end, given y, is ``F x + G e + W w``
+with a few more normals w. O, L, F, G, W are the same for every block; nothing is interpolated.
 """
 
 from collections.abc import Sequence
@@ -24,118 +24,71 @@ from functools import lru_cache
 from typing import ClassVar, TypeAlias
 
 import numpy as np
-import scipy.linalg
+
+from lbgc.sensor.low_pass import LowPass
+from lbgc.sensor.means_model import MeansModel
 
 BLOCK = 128
-"""Samples drawn from one factor. Changing it changes every dataset's bytes: a new schema number."""
+"""Samples in a block. Changing it changes every dataset's bytes and needs a new schema number."""
 _GROUP = 32
-"""Blocks whose states are found together. Changing it changes bytes, too."""
-
+"""Blocks whose states are found in one matrix product. Changing it changes bytes, too."""
 
 Generators: TypeAlias = np.random.Generator | Sequence[np.random.Generator]
-"""Random generator: one for all series, or several for as many equal parts of them."""
-
-
-@dataclass(frozen=True, eq=False)
-class MeansModel:
-    """The state-space model of interval means (see the module): A (p, p), C (p,), Q (p, p), S (p,),
-    R, and P0 (p, p), the covariance of the state at the recording's start (its mean is zero)."""
-
-    A: np.ndarray
-    C: np.ndarray
-    Q: np.ndarray
-    S: np.ndarray
-    R: float
-    P0: np.ndarray
-
-
-def sde_means_model(
-    F: np.ndarray, diffusion: np.ndarray, output: np.ndarray, P0: np.ndarray, interval: float
-) -> MeansModel:
-    """The means over h of w = output' x, where dx = F x dt + noise of intensity `diffusion`.
-
-    The running integral of w is carried as one more state; the joint covariance of both over h
-    is the integral of e^(Fs) D e^(F's), which one matrix exponential gives without cancellation
-    (Van Loan 1978, IEEE Trans. Automatic Control 23). That is done for a stretch shorter than the
-    process's own times and then doubled, which is exact too and does not overflow.
-    """
-    p = len(F)
-    doublings = max(0, int(np.ceil(np.log2(np.abs(F).sum(axis=1).max() * interval))))
-    stretch = interval / 2**doublings
-    drift, D = np.zeros((p + 1, p + 1)), np.zeros((p + 1, p + 1))
-    drift[:p, :p], drift[p, :p], D[:p, :p] = F, output, diffusion
-    size = p + 1
-    pair = np.block([[-drift, D], [np.zeros((size, size)), drift.T]]) * stretch
-    exponential = scipy.linalg.expm(pair)
-    transition = exponential[size:, size:].T
-    joint = transition @ exponential[:size, size:]
-    model = MeansModel(
-        A=transition[:p, :p],
-        C=transition[p, :p] / stretch,
-        Q=joint[:p, :p],
-        S=joint[:p, p] / stretch,
-        R=float(joint[p, p]) / stretch**2,
-        P0=P0,
-    )
-    for _ in range(doublings):
-        model = _doubled(model)
-    return model
-
-
-def _doubled(m: MeansModel) -> MeansModel:
-    """The model of means over pairs of intervals: y = (y1 + y2)/2."""
-    return MeansModel(
-        A=m.A @ m.A,
-        C=(m.C + m.C @ m.A) / 2,
-        Q=m.A @ m.Q @ m.A.T + m.Q,
-        S=(m.A @ m.S + m.A @ m.Q @ m.C + m.S) / 2,
-        R=float(2 * m.R + m.C @ m.Q @ m.C + 2 * m.C @ m.S) / 4,
-        P0=m.P0,
-    )
+"""One random generator for all series, or several for as many equal parts of the series."""
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """What a filter of few states makes of a term, beside its first-order processes (see
-    `GaussianTerm.processes`). Of W windows, SI."""
+    """The model of a term in a filter of few states, beside its first-order processes (see
+    `GaussianTerm.processes`), for W windows: SI units."""
 
     white: float = 0.0
-    """Density"""
+    """Two-sided PSD of the white noise"""
     angle: float = 0.0
-    """Variance of what errs in the integral (angle, velocity) and does not add up"""
+    """Variance of an error of the integral (angle, velocity) that does not accumulate"""
     constant: np.ndarray | float = 0.0
-    """Variance at each window's start, (W,)"""
+    """Variance of a constant at each window's start, (W,)"""
     walk: np.ndarray | float = 0.0
-    """Variance that each second adds, (W,)"""
+    """Variance that this constant gains each second, (W,)"""
 
 
 class GaussianTerm:
-    """A Gaussian stochastic term. Its model of interval means gives it three of its faces; the
-    Allan variance and the PSD are each term's own closed forms."""
+    """A Gaussian stochastic term. `sample`, `sample_means` and `covariance_of_means` follow from
+    its model of interval means; the Allan variance and the PSD are each term's own closed forms."""
 
     cause: ClassVar[str] = "other noise"
-    """What an error budget calls it"""
+    """The row of an error budget that it belongs to"""
+
+    @property
+    def density(self) -> float:
+        """The density that makes it white noise in means over long times, N^2; 0 of what is
+        none."""
+        return self.reduced(np.zeros(0), 1.0).white
 
     @property
     def processes(self) -> tuple[tuple[float, float], ...]:
-        """Variance and correlation time (s) of each first-order Gauss-Markov process that it is a
-        sum of; none where it is no such sum."""
+        """The variance and the correlation time (s) of each first-order Gauss-Markov process of
+        which the term is the sum; empty where it is no such sum."""
         return ()
 
     def reduced(self, start_s: np.ndarray, duration_s: float) -> Reduced:
-        """What a filter of few states makes of it in windows of this length that begin at start_s,
-        (W,), s after the recording's start."""
+        """The term's model in a filter of few states, for windows of duration_s that begin start_s,
+        (W,), after the recording's start (s)."""
         return Reduced()
+
+    def behind(self, low_pass: LowPass) -> "GaussianTerm":
+        """The term as it comes out of an output filter: what is slow passes unchanged."""
+        return self
 
     @property
     def is_stationary(self) -> bool:
-        """Whether its means have the same law whenever they begin."""
+        """Whether its means have the same law at every time after the recording's start."""
         m = self.means_model(1.0)
         later = m.A @ m.P0 @ m.A.T + m.Q
         return bool(np.abs(later - m.P0).max(initial=0) <= 1e-7 * np.abs(later).max(initial=0))
 
     def means_model(self, interval: float) -> MeansModel:
-        """The term's means over intervals of this length (s)."""
+        """The state-space model of the term's means over intervals of this length (s)."""
         raise NotImplementedError
 
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
@@ -143,17 +96,17 @@ class GaussianTerm:
         raise NotImplementedError
 
     def sample(self, rng: Generators, shape: tuple[int, ...], dt: float) -> np.ndarray:
-        """This term alone; see the module's `sample`."""
+        """Draw this term alone, as the module's `sample` does."""
         return sample((self,), rng, shape, dt)
 
     def sample_means(
         self, rng: Generators, shape: tuple[int, ...], dt: float, block: int
     ) -> np.ndarray:
-        """This term alone; see the module's `sample_means`."""
+        """Draw this term's block means alone, as the module's `sample_means` does."""
         return sample_means((self,), rng, shape, dt, block)
 
     def covariance_of_means(self, n: int, dt: float, block: int = 1, start: int = 0) -> np.ndarray:
-        """This term alone; see the module's `covariance_of_means`."""
+        """The covariance of this term's block means, as in the module's `covariance_of_means`."""
         return covariance_of_means((self,), n, dt, block, start)
 
 
@@ -168,12 +121,12 @@ def sample(
     out: np.ndarray | None = None,
     start: int = 0,
 ) -> np.ndarray:
-    """Draw the sum of Gaussian terms, with the exact joint law of its samples.
+    """Draw samples of the sum of Gaussian terms, with their exact joint law.
 
-    shape : (*S, n), independent series and the samples of each; dt : s; rng : one for all, or one
-    for each of the first axis; out : where to, float32; start : how many samples after the
-    recording's start these begin, of which nothing else is drawn. Returns float32 (*S, n), in the
-    terms' unit. The state is carried in float64.
+    shape : (*S, n), independent series of n samples; dt : s; rng : one for all, or one for each of
+    the first axis; out : the array to write to, float32; start : how many samples after the
+    recording's start the first one is, where nothing before it is drawn. Returns float32 (*S, n),
+    in the terms' unit. The state is carried in float64.
     """
     *series, n = shape
     count = int(np.prod(series))
@@ -185,14 +138,14 @@ def sample(
     size, states, blocks = factor.size, len(factor.start), -(-n // factor.size)
     parts = 1 if isinstance(rng, np.random.Generator) else len(rng)
     drawn = _normals(rng, count, states + blocks * (size + states))
-    # Each part's products are taken by themselves: by how many rows there are, BLAS rounds.
+    # Each part has products of its own: how BLAS rounds depends on the number of rows.
     root = factor.start if start == 0 else _later_root(terms, dt, start)
     x = drawn[:, :states].reshape(parts, count // parts, states) @ root.T
-    e = drawn[:, states:].reshape(parts, -1, size + states)  # of each block, e and w
+    e = drawn[:, states:].reshape(parts, -1, size + states)  # e and w of each block
     if states:
-        # What moved the state has done its work: the state itself takes its place.
+        # The normals w are needed no more: the states at the blocks' starts take their place.
         e[..., size:] = _starts(factor.F, x, e @ factor.GW.T)
-    if count == 1 and n == blocks * size:  # fresh memory is not free: straight to its place
+    if count == 1 and n == blocks * size:  # written in place, since new memory costs time
         np.matmul(e[0], factor.LO.T, out=drawn_to.reshape(blocks, size))
     else:
         drawn_to[...] = (e @ factor.LO.T).reshape(count, -1)[:, :n].reshape(shape)
@@ -200,7 +153,7 @@ def sample(
 
 
 def _normals(rng: Generators, count: int, each: int) -> np.ndarray:
-    """Standard normal, float32 (count, each); from several generators as many rows of each."""
+    """Standard normals, float32 (count, each); several generators draw equally many rows each."""
     if isinstance(rng, np.random.Generator):
         return rng.standard_normal((count, each), dtype=np.float32)
     drawn = np.empty((count, each), np.float32)
@@ -210,11 +163,11 @@ def _normals(rng: Generators, count: int, each: int) -> np.ndarray:
 
 
 def _starts(F: np.ndarray, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """States at the blocks' starts: x[b + 1] = F x[b] + steps[b]. x : (parts, series, p), the
-    first; steps : (parts, series blocks, p), float32. Returns float64 like steps.
+    """States at the blocks' starts, by x[b + 1] = F x[b] + steps[b]. x : (parts, series, p), the
+    first; steps : (parts, series blocks, p), float32. Returns float64 of the shape of steps.
 
-    By groups of blocks: what a group's own steps do in it is one product for all groups, in their
-    float32, which leaves only the groups' first states to be found one after the other."""
+    Blocks are taken in groups: one product in float32 gives what the steps in each group do to the
+    states in it, so that only the groups' first states are found one after the other."""
     parts, series, p = x.shape
     blocks = steps.shape[1] // series
     group = min(_GROUP, blocks)
@@ -235,8 +188,8 @@ def _starts(F: np.ndarray, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _group(F: bytes, p: int, group: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices of the states at the starts of a group's blocks and at its end, all in one: what the
-    first makes of them, ((group + 1) p, p), and what the steps do, float32
+    """Two matrices that give the states at the starts of a group's blocks and at its end, stacked:
+    from the first state, ((group + 1) p, p), and from the steps, float32
     ((group + 1) p, group p)."""
     powers = [np.eye(p)]
     for _ in range(group):
@@ -252,28 +205,27 @@ def _group(F: bytes, p: int, group: int) -> tuple[np.ndarray, np.ndarray]:
 def sample_axes(
     axes: Sequence[Gaussians], rng: np.random.Generator, count: int, n: int, dt: float
 ) -> np.ndarray:
-    """`count` series of each of several axes, float32 (count, n, axes)."""
+    """Draw `count` independent series of n samples for each of several axes, given each axis's
+    terms: float32 (count, n, axes)."""
     return np.stack([sample(terms, rng, (count, n), dt) for terms in axes], axis=-1)
 
 
 def sample_means(
     terms: Gaussians, rng: Generators, shape: tuple[int, ...], dt: float, block: int
 ) -> np.ndarray:
-    """Draw means over blocks of `block` samples with exactly the law of averaging `sample`.
-
-    shape : (*S, n), n means each; dt : s, the samples' interval. Returns float32 (*S, n).
-    """
+    """Draw means over `block` samples, with exactly the law of averaging what `sample` draws.
+    shape : (*S, n), n means each; dt : s, the samples' interval. Returns float32 (*S, n)."""
     return sample(terms, rng, shape, dt * block)
 
 
 def covariance_of_means(
     terms: Gaussians, n: int, dt: float, block: int = 1, start: int = 0
 ) -> np.ndarray:
-    """Covariance of n consecutive means over `block` samples each.
+    """The covariance of n consecutive means over `block` samples each.
 
-    start : how many such blocks after the recording's start they begin; a random walk has gone far
-    by then. Returns (n, n), unit^2: cov(y_j, y_k) = C A^(k-j-1) (A P_j C' + S) for j < k, with P_j
-    the covariance of the state at the start of block j.
+    start : how many such blocks after the recording's start they begin, which matters to a term
+    that is not stationary. Returns (n, n), unit^2: cov(y_j, y_k) = C A^(k-j-1) (A P_j C' + S) for
+    j < k, with P_j the covariance of the state at the start of block j.
     """
     model = _sum_model(terms, dt * block)
     P, states = _later(model, start), len(model.C)
@@ -286,15 +238,15 @@ def covariance_of_means(
         decay[j] = model.C @ power
         power = model.A @ power
         P = model.A @ P @ model.A.T + model.Q
-    after = toward @ decay.T  # [j, l]: with the block l + 1 later
+    after = toward @ decay.T  # [j, l]: the covariance of the means j and j + l + 1
     for j in range(n - 1):
         covariance[j, j + 1 :] = after[j, : n - 1 - j]
     return covariance + covariance.T
 
 
 def _later(model: MeansModel, start: int) -> np.ndarray:
-    """Covariance of the state so many intervals after the recording's start, (p, p): by powers of
-    two of an interval, over each of which P becomes A P A' + Q."""
+    """Covariance of the state `start` intervals after the recording's start, (p, p). It advances by
+    powers of two of an interval, over each of which P becomes A P A' + Q."""
     P, A, Q = model.P0, model.A, model.Q
     while start:
         if start % 2:
@@ -305,17 +257,19 @@ def _later(model: MeansModel, start: int) -> np.ndarray:
 
 @lru_cache(maxsize=1024)
 def _later_root(terms: Gaussians, interval: float, start: int) -> np.ndarray:
+    """A square root of `_later` of the terms' sum, (p, p)."""
     return _square_root(_later(_sum_model(terms, interval), start))
 
 
 def autocovariance_of_means(terms: Gaussians, n: int, dt: float) -> np.ndarray:
-    """The first row of `covariance_of_means`, (n,): all there is to know of stationary terms."""
+    """The first row of `covariance_of_means`, (n,), unit^2, which is all of it for stationary
+    terms."""
     model = _sum_model(terms, dt)
     row = np.empty(n)
     row[0] = model.C @ model.P0 @ model.C + model.R
     toward = model.A @ model.P0 @ model.C + model.S
     decay, lags = np.diag(model.A), np.arange(n - 1)
-    if np.array_equal(np.diag(decay), model.A):  # processes side by side, each forgetting by itself
+    if np.array_equal(np.diag(decay), model.A):  # independent first-order processes
         row[1:] = (model.C * toward) @ decay[:, None] ** lags
         return row
     for k in range(1, n):
@@ -325,7 +279,7 @@ def autocovariance_of_means(terms: Gaussians, n: int, dt: float) -> np.ndarray:
 
 
 def _sum_model(terms: Gaussians, interval: float) -> MeansModel:
-    """The model of a sum of independent terms: their states side by side."""
+    """The model of a sum of independent terms, whose states are stacked."""
     parts = [term.means_model(interval) for term in terms]
     return MeansModel(
         _block_diagonal([m.A for m in parts]),
@@ -348,7 +302,7 @@ def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _BlockFactor:
-    """y = L e + O x and x_end = F x + G e + W w for one block (see the module)."""
+    """The matrices of y = L e + O x and x_end = F x + G e + W w for one block (see the module)."""
 
     LO: np.ndarray  # (M, M + p), float32, L and O side by side
     F: np.ndarray  # (p, p)
@@ -362,15 +316,13 @@ class _BlockFactor:
 
 @lru_cache(maxsize=64)
 def _block_factor(terms: Gaussians, interval: float, size: int) -> _BlockFactor:
-    """Run the Kalman filter of the interval means over one block from a known state (P = 0).
-
-    Each innovation's standard deviation is L's diagonal; its effect on later means, through the
-    filter's state, is the column below. O is the mean's response to the state at the start.
-    """
+    """A block's matrices, by the Kalman filter of its means from a known state (P = 0). Each
+    innovation's standard deviation is L's diagonal element; its effect on later means, through the
+    filter's state, is the column below. O is the means' response to the state at the start."""
     m = _sum_model(terms, interval)
     p = len(m.C)
     O, L = np.zeros((size, p)), np.zeros((size, size))  # noqa: E741
-    response = np.zeros((p, size))  # of the predicted state to each innovation so far
+    response = np.zeros((p, size))  # response of the predicted state to each innovation so far
     P, F = np.zeros((p, p)), np.eye(p)
     for k in range(size):
         O[k] = m.C @ F

@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from lbgc.sensor import errors, gaussian, noise
-from lbgc.sensor.deterministic import InRun, Ramp, Sinusoid
-from lbgc.sensor.errors import ONE, Drawn, Proportional, Surroundings, Triple
-from lbgc.sensor.low_pass import low_pass
+from lbgc.sensor.counting import Counts
+from lbgc.sensor.deterministic import STARTED, InRun, Started
+from lbgc.sensor.errors import FIELD, ONE, Drawn, Proportional, Surroundings, Triple
+from lbgc.sensor.low_pass import LowPass
 
 ALONE = Surroundings()
 """Nothing acts on a triad, and it has warmed up."""
@@ -59,85 +60,48 @@ class Timing:
 
 @dataclass(frozen=True)
 class Triad:
-    """Three like sensors on the body's axes, in SI units; each figure one an axis.
+    """Three like sensors on the body's axes, in SI units: what errs in them, and their range."""
 
-    N, B, K : the noise coefficients (IEEE Std 952); drawn : what is drawn once, in the order of its
-    drawing; tone : amplitudes; lsb, range : of the output, or None.
-    """
-
-    N: Triple
-    B: Triple
-    K: Triple
-    flicker_corners: tuple[float, float]
-    Q: Triple
-    R: Triple
-    gauss_markov: Triple
-    gauss_markov_time: Triple
-    lines: tuple[tuple[Triple, Triple, Triple, Triple], ...]
-    """Each line's rms, centre (Hz) and width (Hz)."""
-    bandwidth_hz: Triple | None
-    damping: Triple
+    terms: tuple[gaussian.Gaussians, ...]
+    """The Gaussian terms that evolve within a recording, of each axis, as they come out of the
+    output filter."""
+    started: tuple[tuple[Started, ...], ...]
+    """What evolves from a number that is drawn at a recording's start, of each axis, likewise."""
     drawn: tuple[Proportional, ...]
-    tone_hz: Triple
-    tone: Triple
-    lsb: float | None
-    carried_lsb: float | None
-    """Count of the integrated output (rad, m/s)."""
+    """What is drawn once, in the order of its drawing."""
+    low_pass: tuple[LowPass, ...] | None
+    """The output filter of each axis."""
+    counts: Counts | None
     range: float | None
     keys: dict[str, str] = field(compare=False)
-    """The configured names of `lsb`, `carried_lsb` and `range`, for messages."""
-
-    @cached_property
-    def terms(self) -> tuple[gaussian.Gaussians, ...]:
-        """The in-run Gaussian terms of each axis; a coefficient of zero is no term."""
-        return tuple(self._terms_of(axis) for axis in (0, 1, 2))
+    """The configured names of the count (by how it is counted) and the range, for messages."""
 
     def terms_of_means(self, dt: float) -> tuple[gaussian.Gaussians, ...]:
         """Gaussian terms of each axis's block means of samples at dt: rounding to counts is a term
         like others."""
-        rounding = self.rounding(dt)
-        return tuple((*own, *rounding) for own in self.terms)
+        return tuple((*own, *self.rounding(dt)) for own in self.terms)
 
     def rounding(self, dt: float) -> gaussian.Gaussians:
         """What counting adds to samples at dt, where their noise shakes them across counts."""
-        if self.carried_lsb is not None:
-            return (noise.AngleQuantisation.of_count(self.carried_lsb),)
-        return () if self.lsb is None else (noise.Rounding.to(self.lsb, dt),)
+        return () if self.counts is None else (self.counts.noise(dt),)
 
     def in_run(self, i: int, dt: float) -> tuple[InRun, ...]:
-        """All that evolves within a recording of an axis's samples at dt: its Gaussian terms,
-        rounding, its ramp and its tone."""
-        ramp = (Ramp(self.R[i]),) if self.R[i] > 0 else ()
-        tone = (self.tone_of(i),) if self.tone[i] > 0 else ()
-        return (*self.terms[i], *self.rounding(dt), *ramp, *tone)
+        """All that evolves within a recording of an axis's samples at dt, rounding included."""
+        return (*self.terms[i], *self.rounding(dt), *self.started[i])
 
-    def _terms_of(self, i: int) -> gaussian.Gaussians:
-        white: gaussian.GaussianTerm = noise.White(self.N[i])
-        if self.bandwidth_hz is not None:
-            white = noise.BandLimited(self.N[i], self.bandwidth_hz[i], self.damping[i])
-        every = (
-            (self.N[i], white),
-            (self.B[i], noise.Flicker(self.B[i], *self.flicker_corners)),
-            (self.K[i], noise.RandomWalk(self.K[i])),
-            (self.Q[i], noise.AngleQuantisation(self.Q[i])),
-            (
-                self.gauss_markov[i],
-                noise.GaussMarkov(self.gauss_markov[i], self.gauss_markov_time[i]),
-            ),
-            *(
-                (size[i], noise.Line(size[i], f0[i], width[i], int(poles[i])))
-                for size, f0, width, poles in self.lines
-            ),
+    @cached_property
+    def N(self) -> np.ndarray:
+        """The root of the density of all that is white, of each axis: (3,), SI."""
+        return np.array([np.sqrt(sum(term.density for term in own)) for own in self.terms])
+
+    def slow_variance(self, duration_s: float) -> np.ndarray:
+        """Variance of what evolves within a recording, all but white noise, in the mean over so
+        many seconds from its start, (3,)."""
+        each = (
+            [t.covariance_of_means(1, duration_s)[0, 0] for t in (*own, *started)]
+            for own, started in zip(self.terms, self.started, strict=True)
         )
-        return tuple(term for coefficient, term in every if coefficient > 0)
-
-    def tone_of(self, i: int) -> Sinusoid:
-        """An axis's tone as it comes out, behind the filter if there is one."""
-        amplitude, f = self.tone[i], self.tone_hz[i]
-        if self.bandwidth_hz is not None:
-            low_pass = noise.BandLimited(1.0, self.bandwidth_hz[i], self.damping[i])
-            amplitude *= np.sqrt(low_pass.gain_squared(f))
-        return Sinusoid(float(amplitude), f)
+        return np.asarray(np.maximum([sum(own) for own in each] - self.N**2 / duration_s, 0.0))
 
     def allan_variance(self, tau: np.ndarray, dt: float) -> np.ndarray:
         """The model's own Allan variance, tau (*S) in s -> (3, *S): every in-run term, the tone
@@ -191,19 +155,15 @@ class Triad:
         if isinstance(rng, np.random.Generator):
             shape = lasting["bias_session"].shape[:-1]
             found = {error.name: error.draw(rng, shape) for error in own}
-            phase, sign = rng.random((*shape, 3)), rng.random((*shape, 3))
+            uniform = np.stack([rng.random((*shape, 3)) for _ in STARTED])
         else:
             found = {error.name: error.draw_each(rng) for error in own}
-            phase, sign = np.empty((2, len(rng), 3))
-            for one, *uniform in zip(rng, phase, sign, strict=True):
-                for row in uniform:
+            uniform = np.empty((len(STARTED), len(rng), 3))
+            for one, *rows in zip(rng, *uniform, strict=True):
+                for row in rows:
                     one.random(out=row)
-        return {
-            **lasting,
-            **found,
-            "tone_phase": 2 * np.pi * phase,
-            "ramp_sign": np.where(sign < 0.5, -1.0, 1.0),
-        }
+        start = {k.drawn_as: k.of_uniform(own) for k, own in zip(STARTED, uniform, strict=True)}
+        return {**lasting, **found, **start}
 
     def none_drawn(self) -> Drawn:
         """What is drawn of a unit and a session that have no errors of their own."""
@@ -216,8 +176,8 @@ class Triad:
         return gaussian.sample_axes(self.terms, rng, count, n, interval)
 
     def output_scale(self, dt: float) -> float | None:
-        """SI per stored count of a rate: the count, or the carried one over the interval."""
-        return self.lsb if self.carried_lsb is None else self.carried_lsb / dt
+        """SI units of a rate per stored count; None where the output is not counted."""
+        return None if self.counts is None else self.counts.scale(dt)
 
     def measure(
         self,
@@ -239,15 +199,7 @@ class Triad:
         if self.range is not None and max(signal.max(), -signal.min()) > self.range:
             saturated = (np.abs(signal) > self.range).any(axis=0)
             np.clip(signal, -self.range, self.range, out=signal)
-        if self.carried_lsb is not None:
-            total = np.cumsum(signal, axis=1, dtype=np.float64) * (dt / self.carried_lsb)
-            counts = np.diff(np.rint(total), axis=1, prepend=0.0)
-            return counts.astype(np.int32), saturated
-        if self.lsb is None:
-            return signal, saturated
-        np.divide(signal, np.float32(self.lsb), out=signal)
-        counts = signal.view(np.int32)  # in the same memory, for fresh memory is not free
-        return np.rint(signal, out=counts, casting="unsafe"), saturated
+        return (signal if self.counts is None else self.counts.counted(signal, dt)), saturated
 
     def measure_means(
         self,
@@ -302,12 +254,8 @@ class Triad:
             one = signal[..., axis, :]
             if not together:
                 gaussian.sample(own, rng, one.shape, dt, one, start)
-            if self.tone[axis] > 0:
-                phase = drawn["tone_phase"][..., axis]
-                one += self.tone_of(axis).at_phase(phase, n, dt, np.float32)
-            if self.R[axis] > 0:
-                sign = drawn["ramp_sign"][..., axis]
-                one += Ramp(self.R[axis]).with_sign(sign, n, dt, start)
+            for term in self.started[axis]:
+                one += term.at(drawn[term.drawn_as][..., axis], n, dt, start, np.float32)
         return signal
 
     def _response(
@@ -323,9 +271,9 @@ class Triad:
         output filter on what moves."""
         warmth = around.rise(n, dt, start) if around.rise_k != 0 else None
         signal = errors.printed(self.drawn, drawn, truth, around, warmth)
-        if truth.shape[-1] > 1 and self.bandwidth_hz is not None:
-            for axis, shape in enumerate(zip(self.bandwidth_hz, self.damping, strict=True)):
-                signal[..., axis, :] = low_pass(signal[..., axis, :], *shape, dt)
+        if truth.shape[-1] > 1 and self.low_pass is not None:
+            for axis, low_pass in enumerate(self.low_pass):
+                signal[..., axis, :] = low_pass.filtered(signal[..., axis, :], dt)
         return signal
 
 
@@ -338,6 +286,8 @@ class ImuModel:
     dt: float
     """s: interval of the sensor's own samples, by which counts are read"""
     warming: Surroundings = field(default_factory=Surroundings)
+    field_ned: Triple = errors.NONE
+    """The magnetic field around it, north, east and down, T"""
     assumed: str = ""
     """What of it is assumed and was never measured, for whoever reads figures that hang on it."""
 
@@ -345,9 +295,13 @@ class ImuModel:
     def is_noiseless(self) -> bool:
         """Whether it is stated without noise, tone or counts, as `imu=ideal` is."""
         return not any(
-            any(t.terms) or any(t.tone) or t.lsb is not None or t.carried_lsb is not None
-            for t in (self.gyro, self.accel)
+            any(t.terms) or any(t.started) or t.counts is not None for t in (self.gyro, self.accel)
         )
+
+    @property
+    def feels_field(self) -> bool:
+        """Whether a magnetic field changes what it prints."""
+        return any(self.field_ned) and bool(self.gyro.variance(FIELD).any())
 
     @property
     def averages_motion(self) -> bool:
@@ -359,7 +313,7 @@ class ImuModel:
             for triad in triads
             for error in triad.drawn
         )
-        return not warms and all(t.bandwidth_hz is None for t in triads)
+        return not warms and all(t.low_pass is None for t in triads)
 
     def without(self, *lifetimes: str) -> "ImuModel":
         """The sensor when everything that lasts that long is known and taken out."""

@@ -1,15 +1,16 @@
-"""From a bias instability B to the lowest point of the Allan deviation that a datasheet prints, and
-back.
+"""Conversion between the bias instability B and the minimum of the Allan deviation, which is what a
+datasheet prints.
 
 A printed "bias instability" is, on most datasheets, the minimum of the Allan deviation. That is not
 IEEE Std 952's B: flicker alone has a floor of sqrt(2 ln 2/pi) B = 0.664 B, and white noise N and a
-random walk K lift the curve's lowest point above it. The variance is
+random walk K raise the curve's lowest point above it. The Allan variance is
 
     N^2/tau + B^2 F(tau) + K^2 tau/3,
 
-F flat at 2 ln 2/pi between the flicker's corners. Without corners its minimum is at tau = sqrt(3)
-N/K and is (2 ln 2/pi) B^2 + 2 N K/sqrt(3). With corners it is looked for between them, where the
-model says what the sensor does: beyond the longer one F falls, as no measured curve is known to.
+with F flat at 2 ln 2/pi between the flicker's corners. Without corners its minimum is at tau =
+sqrt(3) N/K and is (2 ln 2/pi) B^2 + 2 N K/sqrt(3). With corners the minimum is looked for between
+them only, where the model describes the sensor: beyond the longer corner F falls, which no measured
+curve is known to do.
 """
 
 from functools import lru_cache
@@ -21,18 +22,19 @@ from lbgc.sensor import noise
 FLOOR_SQUARED = 2 * np.log(2) / np.pi
 """Allan variance of flicker noise over B^2, 0.664^2."""
 _POINTS = 1000
+"""Averaging times between the corners at which the Allan variance is evaluated."""
 
 Corners = tuple[float, float]
-"""Shortest and longest averaging time of the flat floor, s."""
+"""Shortest and longest averaging time of the flat floor of flicker noise, s."""
 
 
 def allan_minimum(
     N: float, B: float, K: float, corners: Corners | None = None
 ) -> tuple[float, float]:
-    """The lowest point of the Allan deviation, in B's unit, and the averaging time where it is, s.
+    """The minimum of the Allan deviation, in B's unit, and the averaging time where it is, s.
 
     N : unit sqrt(s), two-sided; B : unit; K : unit/sqrt(s); corners : of the flicker, or None where
-    its floor has no end. The time is infinite where the curve falls for ever.
+    its floor is flat at all times. The time is infinite where the curve falls for ever.
     """
     if corners is None:
         squared = FLOOR_SQUARED * B**2 + 2 * N * K / np.sqrt(3)
@@ -44,10 +46,10 @@ def allan_minimum(
 
 
 def instability(minimum: float, N: float, K: float, corners: Corners | None = None) -> float:
-    """The B, in the minimum's unit, with which N, B and K have this minimum of the Allan deviation.
+    """The B, in the minimum's unit, for which the Allan deviation of N, B and K has this minimum.
 
-    The variance at every tau is a straight line in B^2, so the smallest B^2 that keeps the curve
-    nowhere below the minimum is max over tau of (minimum^2 - N^2/tau - K^2 tau/3)/F(tau).
+    The variance at every tau is linear in B^2, so the smallest B^2 with which the curve is nowhere
+    below the minimum is the maximum over tau of (minimum^2 - N^2/tau - K^2 tau/3)/F(tau).
 
     Raises ValueError where N and K alone make the minimum larger.
     """

@@ -1,13 +1,14 @@
-"""Keys of the IMU files that Kalibr and its kin (VINS, OpenVINS, Basalt) read, as ours.
+"""Conversion of the noise keys in IMU files of Kalibr (also read by VINS, OpenVINS and Basalt) to
+the keys of `conf/imu/`.
 
     gyroscope_noise_density      rad/s/sqrt(Hz)      N
     gyroscope_random_walk        rad/s^2/sqrt(Hz)    K
     accelerometer_noise_density  m/s^2/sqrt(Hz)      N
     accelerometer_random_walk    m/s^3/sqrt(Hz)      K
 
-They are SI and two-sided: a sample at interval dt has the white noise N/sqrt(dt). A datasheet's
-density, one-sided, is sqrt(2) of that. Such a file knows no flicker noise and no biases by
-lifetime.
+They are SI and two-sided: a sample at interval dt has white noise of sigma N/sqrt(dt). A
+datasheet's density is one-sided, sqrt(2) times that. Such a file states no flicker noise and no
+biases by lifetime.
 """
 
 from collections.abc import Mapping
@@ -24,17 +25,18 @@ KEYS = {
     "accelerometer_noise_density": ("accel", "vrw_m_per_s_per_sqrt_h"),
     "accelerometer_random_walk": ("accel", "random_walk_ug_per_sqrt_h"),
 }
-"""Triad and key of `conf/imu/` for each of Kalibr's keys."""
+"""The triad and the key of `conf/imu/` that each of Kalibr's keys becomes."""
 UNREAD = ("rostopic", "update_rate", "model", "time_offset", "T_i_b")
-"""Other keys of Kalibr's files, which hold nothing that an error model has."""
+"""Other keys of Kalibr's files, which are left out because they say nothing of the errors."""
 _GROUP = "imu0"
 
 
 def adopted(given: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What an `imu` group holds, in the keys of `conf/imu/`; without a key of Kalibr's, what was
-    given.
+    """An `imu` group with Kalibr's keys converted to those of `conf/imu/`; a group without any of
+    Kalibr's noise keys is returned as it is, freed of a level `imu0`.
 
-    given : of an `imu` group, as YAML gives it. Raises InputError.
+    given : the group, as YAML gives it. Raises InputError where a value is not a number of zero or
+    more, or disagrees by more than 15% with the same figure in our own key.
     """
     inner = given.get(_GROUP)
     if isinstance(inner, Mapping):

@@ -1,8 +1,10 @@
-"""Scale and misalignment of a gyro triad from Earth's horizontal rate at known headings.
+"""Scale factor and misalignment of a gyro triad, estimated from Earth's horizontal rate at known
+headings.
 
-A resting triad's error is b + M w, w Earth's rate in the body. Turned from heading to heading, w's
-horizontal part goes round a circle and its vertical part stays: so M's first two columns can be
-told from b where the headings do not lie on one line through that circle, and the third cannot.
+The error of a resting triad is b + M w, with w Earth's rate in the body. From heading to heading
+the horizontal part of w goes round a circle, while its vertical part stays the same. So the first
+two columns of M can be told from b where the horizontal rates do not all lie on one line through
+that circle, and the third column cannot.
 """
 
 from dataclasses import dataclass
@@ -10,31 +12,33 @@ from dataclasses import dataclass
 import numpy as np
 
 _SEEN = 0.01
-"""Least mean square of the horizontal direction's spread, of at most 1/2, along what is told: a
-tenth of a circle's radius."""
+"""The least mean square spread of the horizontal rate along a direction, over its mean square, for
+which the gain along that direction is estimated: an rms of a tenth of the circle's radius. A full
+circle has 1/2."""
 
 
 @dataclass(frozen=True)
 class Gain:
-    """What of the error follows Earth's horizontal rate."""
+    """The part of a triad's error that is proportional to Earth's horizontal rate."""
 
     directions: np.ndarray
     """(2, k), k 0 to 2: unit vectors, forward and right, along which w varies enough"""
     slope: np.ndarray
-    """(k, 3), error of each axis per rate along each of them"""
+    """(k, 3), error of each axis per rate along each of these directions"""
     covariance: np.ndarray
-    """(k, k), of each column of `slope` per variance of the scatter"""
+    """(k, k), covariance of each column of `slope`, per variance of the scatter"""
     scatter: np.ndarray
-    """(3,), rad/s, about it: of recordings within sessions, or of the sessions' means"""
+    """(3,), rad/s, standard deviation of what is left of the errors: of recordings within sessions,
+    or of the sessions' means"""
     freedom: int
     """Degrees of freedom of that scatter"""
     within: bool
-    """Whether it is told from recordings of one session, beside each other"""
+    """Whether it was estimated from the recordings within each session, not from sessions' means"""
     missing: str | None
-    """What the headings lack where k is below 2"""
+    """The headings that are missing where k is below 2"""
 
     def predicted(self, truth: np.ndarray) -> np.ndarray:
-        """M w as far as it is told; truth (R, 3), rad/s -> (R, 3)."""
+        """The error M w as far as M was estimated: truth w (R, 3), rad/s -> (R, 3), rad/s."""
         return np.asarray(truth[:, :2] @ self.directions @ self.slope)
 
     @property
@@ -46,7 +50,8 @@ class Gain:
 
     @property
     def matrix_sigma(self) -> np.ndarray | None:
-        """(2, 2), standard errors of the horizontal axes' own."""
+        """(2, 2), standard errors of the horizontal axes' elements of M; None where k is below
+        2."""
         if self.missing is not None:
             return None
         unit = self.directions @ self.covariance @ self.directions.T
@@ -54,10 +59,11 @@ class Gain:
 
 
 def gain(error: np.ndarray, truth: np.ndarray, session: np.ndarray) -> Gain:
-    """The gain by least squares, beside one constant a session where each has headings enough, else
-    on the sessions' means: either way Student's t holds for it, whatever the sessions' spread.
+    """Estimate the gain by least squares, together with one constant a session where the sessions
+    have headings enough of their own, else from the sessions' means. Either way Student's t holds
+    for it, however much the sessions' biases differ.
 
-    error, truth : (R, 3), rad/s; session : (R,), any labels.
+    error, truth : (R, 3), rad/s, errors and Earth's rate in the body; session : (R,), any labels.
     """
     _, which = np.unique(session, return_inverse=True)
     groups, count = int(which.max()) + 1, len(error)
@@ -91,15 +97,17 @@ def gain(error: np.ndarray, truth: np.ndarray, session: np.ndarray) -> Gain:
 
 
 def _seen(x: np.ndarray, reach: float, rows: int, free: int) -> np.ndarray:
-    """Directions, (2, k), along which the centred x (rows, 2) spreads enough beside its reach, and
-    for which `free` degrees of freedom leave one to judge them by."""
+    """The directions, (2, k), along which the centred rates x (rows, 2) spread enough compared with
+    `reach`, the rms of the horizontal rate. None, (2, 0), where fitting them would leave less than
+    one of the `free` degrees of freedom."""
     values, vectors = np.linalg.eigh(x.T @ x / rows / reach**2)
     seen = vectors[:, values > _SEEN]
     return seen if free - seen.shape[1] >= 1 else np.zeros((2, 0))
 
 
 def _missing(horizontal: np.ndarray, reach: float, count: int, groups: int) -> str:
-    """What to add for the whole of M."""
+    """The sentence that says which headings or recordings are missing for the first two columns of
+    M."""
     x = horizontal - horizontal.mean(axis=0)
     values, vectors = np.linalg.eigh(x.T @ x / count / reach**2)
     if values[1] <= _SEEN:

@@ -1,1 +1,1 @@
-"""What a log's recordings must pass before anything is answered from them."""
+"""The checks that a log's recordings must pass before any result is computed from them."""

@@ -1,4 +1,5 @@
-"""The one door through which a log's recordings pass before anything is answered from them."""
+"""All checks of a log's recordings, which every recording passes before any result comes from
+it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -24,10 +25,11 @@ from lbgc.sensor.imu import ImuModel
 def checked(
     record: Record, config: LogConfig, imu: ImuModel | None = None, north: bool = True
 ) -> Record:
-    """The recording with what its readers must know in its notes.
+    """The recording with the findings of the checks among its notes.
 
-    imu : what is stated of the sensor; north : whether a heading is asked for. Raises InputError
-    where its values or frames cannot be right, by checks that `config.accept` does not name.
+    imu : the sensor's error model, where it is known; north : whether a heading is asked for.
+    Raises InputError where a check refuses the recording's values or frames and `config.accept`
+    does not name that check.
     """
     findings = _findings(record, config, imu, north)
     notes = [found.settled(config.accept) for found in findings]
@@ -37,8 +39,8 @@ def checked(
 def _findings(
     record: Record, config: LogConfig, imu: ImuModel | None, north: bool
 ) -> Iterator[Finding]:
-    """Findings in an order in which the first refusal names the cause: values, units, frames,
-    geometry."""
+    """The findings of all checks, in an order in which the first refusal names the cause: values,
+    units, frames, geometry."""
     every = channels(record, config, imu)
     values = (
         stuck_finding(record, every),
@@ -68,9 +70,10 @@ def _findings(
 
 
 def together(records: Sequence[Record], config: LogConfig, north: bool = True) -> list[Record]:
-    """The recordings of one log: what many of them say is said once, by each alike.
+    """The recordings of one log, checked together. All get the same notes, in which what several
+    recordings have in common stands once.
 
-    Raises InputError where headings go against their references.
+    Raises InputError where headings fall while their references rise.
     """
     turning = turning_finding(records, config, north)
     settled = [] if turning is None else [turning.settled(config.accept)]

@@ -1,4 +1,4 @@
-"""What the checks of a log find, and what becomes of it: a refusal, or a note in its results."""
+"""The findings of a log's checks, each of which becomes a refusal or a note in the results."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -22,29 +22,32 @@ CHECKS = (
     "forward",
     "mirrored",
 )
-"""The names by which a log's `accept` overrides them."""
+"""The names of the checks, by which a log's `accept` overrides them."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check says of one recording."""
+    """A fault that one check found in one recording."""
 
     check: str
-    """Name of the check, one of CHECKS."""
+    """Name of the check, one of CHECKS"""
     name: str
-    """The parameter that it is about, such as log.axes."""
+    """The parameter that it is about, such as log.axes"""
     value: Any
+    """The parameter's value"""
     unit: str
+    """The value's unit"""
     says: str
-    """What is wrong, and what would make sense: a clause that reads on behind the value."""
+    """What is wrong, and what would be right: a clause that continues after the value"""
     refuses: bool = True
-    """Whether no answer may be given; else it is noted."""
+    """Whether the recording is refused; otherwise the finding is only noted"""
 
     def __post_init__(self) -> None:
         assert self.check in CHECKS, self.check
 
     def settled(self, accepted: Collection[str]) -> str:
-        """The note that it becomes. Raises InputError where it refuses and is not accepted."""
+        """The note that the finding becomes. Raises InputError where it refuses the recording and
+        its check is not among those accepted."""
         if self.refuses and self.check not in accepted:
             how = (
                 f"{self.says} (check {self.check}; log.accept=[{self.check}] reads it all the same)"

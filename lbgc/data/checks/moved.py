@@ -1,4 +1,4 @@
-"""Whether a recording that is taken for resting was turned, by hand or on a table."""
+"""The check that a recording that is taken as resting was not turned, by hand or on a table."""
 
 import numpy as np
 
@@ -8,18 +8,24 @@ from lbgc.data.static import AXES
 from lbgc.units import DEG
 
 _BLOCK_S = 0.5
+"""Length of the blocks whose mean rates are taken, s."""
 _LENGTHS_S = (0.5, 2.0, 8.0, 32.0)
+"""Durations over which a turn is looked for, s."""
 _ANGLE, _RATE = 3.0 * DEG, 0.5 * DEG
-"""rad and rad/s: a sway comes back, and no bias wanders so far so fast."""
+"""The least angle, rad, and mean rate, rad/s, of a turn. A sway comes back, and no bias wanders so
+far so fast."""
 _SPREADS = 8.0
+"""The least size of a turn, in standard deviations of the angles that the log turns otherwise."""
 _EDGE = 0.02
-"""Share of a turn before its start and behind its end."""
+"""Share of a turn that is left out at its start and at its end when these are timed."""
 _PLATE = 0.01 * DEG
+"""Angle of the encoder, rad, from which on the plate is known to turn."""
 
 
 def moved_finding(record: Record, north: bool) -> Finding | None:
-    """A turn by more than 3 degrees at more than 0.5 deg/s, far outside what the log does else; of
-    a plate that turns by its encoder nothing is said."""
+    """The finding that the recording was turned by more than 3 degrees at more than 0.5 deg/s, far
+    more than it turns otherwise. None where it was not, or where the encoder shows that the plate
+    turns."""
     size = max(1, round(_BLOCK_S * record.rate_hz))
     n = len(record.gyro) // size
     if n < 8 or np.ptp(record.plate_angle) > _PLATE:
@@ -38,7 +44,7 @@ def moved_finding(record: Record, north: bool) -> Finding | None:
         size_of = np.abs(turned) * (np.abs(turned) > np.maximum(_ANGLE, _SPREADS * spread))
         size_of *= np.abs(turned) / (k * step) > _RATE
         at, axis = np.unravel_index(int(size_of.argmax()), size_of.shape)
-        if size_of[at, axis] > 1.02 * worst:  # the shortest stretch that has all of it
+        if size_of[at, axis] > 1.02 * worst:  # the shortest stretch with the whole turn
             worst, where = float(size_of[at, axis]), (int(at), int(at) + k)
             along = int(axis)
     if worst == 0.0:

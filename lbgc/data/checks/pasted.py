@@ -1,4 +1,4 @@
-"""Stretches of a recording that stand in it twice, to the last digit."""
+"""Detection of stretches of a recording that occur in it twice, equal to the last digit."""
 
 from dataclasses import dataclass
 
@@ -8,34 +8,41 @@ _ODD = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9,
      0xD6E8FEB86659FD93, 0xA0761D6478BD642F, 0xE7037ED1A0B428DB], dtype=np.uint64
 )  # fmt: skip
+"""Odd factors, one for each channel, by which a row is hashed."""
 _RADIX = np.uint64(0x2545F4914F6CDD1D)
+"""Radix of the hash of consecutive rows."""
 _FEWEST_ROWS = 10
+"""Rows of a stretch, at least."""
 _LONGEST_ROWS = 2000
+"""Rows up to which chance is still excluded; where more are needed nothing is looked for."""
 _SEED_ROWS = 5
+"""Rows that must be equal for a stretch to be looked for, to begin with."""
 _SOME = 50_000
-"""Rows by which a channel's values are counted."""
+"""Rows, about, from which the frequencies of a channel's values are taken."""
 _BY_CHANCE = 20
-"""Stretches that chance may leave of a length; four times that length it never reaches."""
+"""Stretches of a length that chance may leave. Chance never reaches four times that length."""
 _TIMES_CHANCE = 4
+"""That factor of length."""
 
 
 @dataclass(frozen=True)
 class Pasted:
-    """Rows that stand twice."""
+    """A stretch of rows that occurs twice."""
 
     first: int
-    """Row at which they begin."""
+    """Row at which it begins"""
     again: int
-    """Row at which they begin once more."""
+    """Row at which it begins the second time"""
     rows: int
+    """Number of rows"""
 
 
 def pasted(values: np.ndarray) -> list[Pasted]:
     """The stretches of a recording that repeat an earlier one, longest first.
 
-    values : (T, C). A stretch is long enough that chance repeats none: rows of coarse counts are
-    alike more often than others, and counts that carry their rest over nearly repeat themselves. A
-    stretch that stands still is none, nor one that repeats itself row by row.
+    values : (T, C). A stretch must be so long that it is not repeated by chance: rows of coarse
+    counts are equal more often than others, and counts that carry their remainder over nearly
+    repeat themselves. A stretch that does not change, or repeats itself row by row, does not count.
     """
     n = len(values)
     enough = _enough(values)
@@ -43,7 +50,7 @@ def pasted(values: np.ndarray) -> list[Pasted]:
         return []
     hashes, seed, before = _row_hashes(values), _SEED_ROWS, n
     found = _repeated(hashes, seed, enough)
-    # Chance is over where few stretches so long are left, or where longer ones are no fewer.
+    # Longer seeds are tried until few stretches are left, or longer seeds leave no fewer.
     while len(found) > _BY_CHANCE and not (seed >= enough and len(found) > before / 2):
         seed, before = 2 * seed, len(found)
         if seed > _LONGEST_ROWS or n < 2 * seed:
@@ -53,12 +60,13 @@ def pasted(values: np.ndarray) -> list[Pasted]:
 
 
 def _repeated(hashes: np.ndarray, seed: int, enough: int) -> list[Pasted]:
+    """The stretches of at least `seed` rows that occur twice, `enough` rows or more apart."""
     first, again = _pairs(hashes, seed, max(seed, enough))
     return _stretches(first, again, seed)
 
 
 def _pairs(hashes: np.ndarray, seed: int, apart: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows at which the same `seed` rows begin, at least so many rows apart."""
+    """Pairs of rows at which the same `seed` rows begin, at least `apart` rows apart."""
     sums = _sums(hashes, seed)
     order = np.argsort(sums, kind="stable")
     alike = sums[order[1:]] == sums[order[:-1]]
@@ -68,7 +76,8 @@ def _pairs(hashes: np.ndarray, seed: int, apart: int) -> tuple[np.ndarray, np.nd
 
 
 def _enough(values: np.ndarray) -> int | None:
-    """How many rows in a sequence no chance repeats; None where rows hardly differ."""
+    """The number of consecutive rows that are not repeated by chance; None where rows hardly
+    differ, or where that is more than the longest."""
     n = len(values)
     alike = 1.0
     some = values[:: max(1, n // _SOME)]
@@ -76,7 +85,7 @@ def _enough(values: np.ndarray) -> int | None:
         counts = np.unique(column, return_counts=True)[1]
         alike *= max(float(np.sum((counts / len(some)) ** 2)), 1 / len(some))
     own = float((np.diff(values, axis=0) == 0).all(axis=1).mean())
-    alike = max(alike, own)  # rows that stay are alike more often than those drawn far apart
+    alike = max(alike, own)  # neighbouring rows may be equal more often than rows far apart
     if alike > 0.9:
         return None
     chance = 2 * np.log(n) + np.log(1e7)
@@ -85,6 +94,7 @@ def _enough(values: np.ndarray) -> int | None:
 
 
 def _row_hashes(values: np.ndarray) -> np.ndarray:
+    """A hash of each row, (T,), uint64."""
     bits = (np.ascontiguousarray(values, dtype=np.float64) + 0.0).view(np.uint64)
     mixed = (bits ^ (bits >> np.uint64(29))) * _ODD[: values.shape[1]]
     mixed ^= mixed >> np.uint64(32)
@@ -92,7 +102,8 @@ def _row_hashes(values: np.ndarray) -> np.ndarray:
 
 
 def _sums(rows: np.ndarray, length: int) -> np.ndarray:
-    """A hash of each `length` rows on end, (T - length + 1,): sum of h[k + j] radix^j, mod 2^64."""
+    """A hash of each `length` consecutive rows, (T - length + 1,): the sum of h[k + j] radix^j
+    modulo 2^64."""
     n = len(rows)
     inverse = np.uint64(pow(int(_RADIX), -1, 1 << 64))
     power = np.cumprod(np.r_[np.uint64(1), np.full(n - 1, _RADIX)], dtype=np.uint64)
@@ -102,7 +113,8 @@ def _sums(rows: np.ndarray, length: int) -> np.ndarray:
 
 
 def _stretches(first: np.ndarray, again: np.ndarray, length: int) -> list[Pasted]:
-    """Joins windows that follow each other at one distance."""
+    """Stretches, longest first, from pairs of equal windows of `length` rows: windows that follow
+    each other at one distance are joined."""
     if len(first) == 0:
         return []
     order = np.lexsort((first, again - first))

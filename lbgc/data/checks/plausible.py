@@ -1,7 +1,8 @@
-"""Whether a resting IMU's means can be what its log's description says: units, and gyro biases.
+"""Whether a resting IMU's means are plausible with the units of its log's description, and with
+possible gyro biases.
 
-A wrong unit and a large bias both make a mean rate that is not Earth's, so they are weighed against
-each other: nothing is called a wrong unit that a bias explains about as well.
+A wrong unit and a large bias both make a mean rate that is not Earth's, so their odds are compared:
+nothing is called a wrong unit that a bias explains about as well.
 """
 
 from dataclasses import dataclass
@@ -12,12 +13,13 @@ from lbgc.data.checks.findings import Finding
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
-from lbgc.sensor.errors import FORCE, ONE, TRUTH
+from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
 from lbgc.units import (
     ANGLE_UNITS,
     DEG,
     FORCE_UNITS,
+    GAUSS,
     HOUR,
     RATE_UNITS,
     VELOCITY_UNITS,
@@ -26,51 +28,57 @@ from lbgc.units import (
 )
 
 PER_HOUR = HOUR / DEG
-"""deg/h in a rad/s."""
+"""One rad/s in deg/h."""
 FIVE_SIGMA = 32.2
-"""Chi-square of three degrees of freedom that is exceeded as seldom as 5 sigma, 6e-7."""
+"""The chi-square with three degrees of freedom that is exceeded as seldom as 5 sigma, 6e-7."""
 _FORCE_SHARE = 0.2
+"""The largest relative difference of a mean force from gravity."""
 _MENTIONED, _CERTAIN, _OTHER_KIND = 30.0, 1e6, 0.1
-"""Odds at which a unit is named beside a bias, and refused on its own; and of an increment for a
-rate, or a rate for an increment, before anything is seen."""
+"""The odds from which on a unit is named beside a bias; those from which on it alone is a reason to
+refuse; and the prior odds of an increment instead of a rate, or the other way round."""
 _COUNTS = (8, 16, 32, 64)
+"""Numbers of blocks whose means are compared."""
+_STRONGEST = 0.65 * GAUSS
+"""Earth's magnetic field is nowhere stronger."""
 _ANGLES = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+"""Headings that are tried, rad."""
 
 
 @dataclass(frozen=True)
 class Resting:
-    """The means of a recording, and what they can be wrong by."""
+    """The means of a resting recording, and the sizes of their errors."""
 
     name: str
+    """The recording's name"""
     rate: np.ndarray
-    """(3,), rad/s, body axes as described."""
+    """(3,), rad/s, mean rate in the body axes of the log's description"""
     noise: np.ndarray
-    """(3,), rad/s: 1 sigma that the log's own scatter adds to `rate`."""
+    """(3,), rad/s, 1 sigma of `rate` by the recording's own scatter"""
     stated: np.ndarray | None
-    """(3,), rad/s: 1 sigma of the errors that are stated of the gyros; None: none are."""
+    """(3,), rad/s, 1 sigma of the errors that are stated of the gyros; None where none are"""
     force: np.ndarray
-    """(3,), m/s^2."""
+    """(3,), m/s^2, mean specific force"""
     latitude: float
-    """rad"""
+    """Latitude, rad"""
     unsteady: float
-    """rad/s: 1 sigma of the means over eighths of the recording, on the axis that varies most."""
+    """rad/s, 1 sigma of the means over eighths of the recording, on the axis that varies most"""
     limit: float
-    """rad/s: the largest gyro bias that is thought possible, as the length of a vector."""
+    """rad/s, the largest gyro bias that is taken as possible, as the length of a vector"""
 
     @property
     def sigma(self) -> np.ndarray:
-        """(3,), rad/s: noise and what is stated. Never quite zero."""
+        """(3,), rad/s, 1 sigma of `rate` by noise and stated errors together, never quite zero."""
         stated = 0.0 if self.stated is None else self.stated
         return np.sqrt(self.noise**2 + stated**2 + (1e-5 * EARTH_RATE) ** 2)
 
     @property
     def horizontal(self) -> float:
-        """Earth's horizontal rate here, rad/s."""
+        """Earth's horizontal rate at this latitude, rad/s."""
         return EARTH_RATE * float(np.cos(self.latitude))
 
 
 def resting(record: Record, config: LogConfig, imu: ImuModel | None) -> Resting:
-    """A recording's means, what their noise is and what is stated of the sensor's errors."""
+    """The means of a recording with their noise and the errors that the sensor's model states."""
     noise = mean_noise(record.gyro)
     stated = None if imu is None else stated_errors(imu.gyro, record.duration_s)
     limit = config.refuses_above[1] / PER_HOUR
@@ -89,10 +97,10 @@ def resting(record: Record, config: LogConfig, imu: ImuModel | None) -> Resting:
 
 
 def mean_noise(values: np.ndarray) -> np.ndarray:
-    """1 sigma of the mean of (T, 3) values by the scatter of block means, (3,).
+    """1 sigma of the mean of values (T, 3), by the scatter of block means: (3,).
 
-    White noise has it by blocks of any length. What scatters more at longer blocks than that is
-    slow, and does not average out: the longest blocks' excess is added whole.
+    For white noise, blocks of any length give it. A larger scatter at longer blocks is slow noise,
+    which does not average out, so the excess of the longest blocks is added whole.
     """
     n = len(values)
     variance = np.zeros(3)
@@ -107,12 +115,14 @@ def mean_noise(values: np.ndarray) -> np.ndarray:
         return np.asarray(np.ptp(values, axis=0) / np.sqrt(max(n, 1)))
     shortest, longest = max(scatter), min(scatter)
     white = scatter[shortest] * longest / shortest
-    # With eight blocks scatter exceeds twice the white one's by chance in 1% of logs: harmless.
+    # With eight blocks the scatter exceeds twice that of white noise by chance in 1% of logs, which
+    # is harmless.
     excess = np.maximum(scatter[longest] - 2 * white, 0.0)
     return np.asarray(np.sqrt(variance + excess))
 
 
 def _unsteady(values: np.ndarray) -> float:
+    """1 sigma of the means over eighths of values (T, 3), of the column that varies most."""
     size = len(values) // 8
     if size == 0:
         return 0.0
@@ -120,27 +130,28 @@ def _unsteady(values: np.ndarray) -> float:
 
 
 def stated_errors(gyro: Triad, duration_s: float) -> np.ndarray | None:
-    """1 sigma of what is stated of the gyros' mean over a recording at rest, noise that averages
-    out aside, (3,), rad/s. None where no bias is stated: that is no statement that there is none.
+    """1 sigma, (3,), rad/s, of the stated errors of the gyros' mean over a recording at rest,
+    without noise that averages out. None where no bias is stated, since that does not state that
+    there is none.
     """
     bias = gyro.bias() ** 2
     if not bias.any():
         return None
-    slow = 2 * np.square(gyro.B) + np.square(gyro.K) * duration_s + np.square(gyro.gauss_markov)
-    slow = slow + np.square(gyro.R) * duration_s**2 / 4
     felt = gyro.variance(FORCE).max(axis=1) * normal_gravity(0.0) ** 2
-    felt = felt + gyro.variance(ONE, warms=True).diagonal() * 30.0**2  # a sensor's usual rise, K
+    felt = felt + gyro.variance(ONE, warms=True).diagonal() * 30.0**2  # a usual warm-up, K
+    felt = felt + gyro.variance(FIELD).sum(axis=1) * _STRONGEST**2
     turned = gyro.variance(TRUTH).sum(axis=1) * EARTH_RATE**2
-    return np.asarray(np.sqrt(bias + slow + felt + turned))
+    return np.asarray(np.sqrt(bias + gyro.slow_variance(duration_s) + felt + turned))
 
 
 def residual(
     rate: np.ndarray, force: np.ndarray, latitude: float, sigma: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """How far a mean rate is from any that Earth could cause, whatever the heading: chi-square
-    (over the vertical and the horizontal part at once), and the residual itself, (3,), rad/s.
+    """The difference of a mean rate from the nearest one that Earth's rate can cause at any
+    heading: its chi-square (of vertical and horizontal part together), and itself, (3,), rad/s.
 
-    rate : (3,), rad/s; force : (3,), of any size; latitude : rad; sigma : (3,), rad/s.
+    rate : (3,), rad/s; force : (3,), mean specific force of any size; latitude : rad; sigma : (3,),
+    rad/s.
     """
     earth = _possible(force, latitude, _ANGLES)
     chi = np.sum(((rate - earth) / sigma) ** 2, axis=1)
@@ -153,7 +164,8 @@ def residual(
 
 
 def _possible(force: np.ndarray, latitude: float, angles: np.ndarray) -> np.ndarray:
-    """Earth's rate in body axes at these headings (A,), by where the measured down points."""
+    """Earth's rate in body axes, (A, 3), rad/s, at angles (A,) about the measured vertical, which
+    cover all headings."""
     down = down_of(force)
     side = np.eye(3)[np.abs(down).argmin()]
     first = side - down * (side @ down)
@@ -164,13 +176,14 @@ def _possible(force: np.ndarray, latitude: float, angles: np.ndarray) -> np.ndar
 
 
 def down_of(force: np.ndarray) -> np.ndarray:
-    """The measured vertical, a unit vector, (3,): at rest the specific force points up."""
+    """The measured down, a unit vector, (3,): at rest the specific force points up."""
     norm = float(np.linalg.norm(force))
     return -force / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def force_finding(rest: Resting, config: LogConfig, rate_hz: float) -> Finding | None:
-    """A mean force that is not within a fifth of gravity's: a unit, or a broken sensor."""
+    """The finding that a mean force differs from gravity by a fifth or more, because of a wrong
+    unit or a broken sensor; None where it does not."""
     g = normal_gravity(rest.latitude)
     norm = float(np.linalg.norm(rest.force))
     if abs(norm / g - 1) < _FORCE_SHARE:
@@ -193,7 +206,8 @@ def force_finding(rest: Resting, config: LogConfig, rate_hz: float) -> Finding |
 
 
 def rate_finding(rest: Resting, config: LogConfig, rate_hz: float, north: bool) -> Finding | None:
-    """A mean rate that Earth cannot cause: a bias above the limit, or another unit."""
+    """The finding that a mean rate cannot be Earth's with a possible bias: the unit is another, or
+    the bias exceeds the limit. None where neither is so."""
     _, off = residual(rest.rate, rest.force, rest.latitude, np.ones(3))
     bias = max(0.0, float(np.linalg.norm(off)) - 5 * float(rest.noise.max()))
     too_large = bool(bias > rest.limit)
@@ -225,11 +239,12 @@ def rate_finding(rest: Resting, config: LogConfig, rate_hz: float, north: bool) 
 
 
 def _odds_of_units(rest: Resting, stated: str, rate_hz: float) -> dict[str, float]:
-    """How much better than the stated unit each other explains the mean rate, before anything is
-    known of the bias but that every order of magnitude is as probable as every other.
+    """The odds of each other unit against the stated one, given the mean rate, where every order of
+    magnitude of the bias is equally probable.
 
-    The density of a mean w is then about |w - e|^-3, averaged over Earth's rates e of all headings
-    and cut off at the noise; another unit makes w to c w and the density c^3 times that at c w.
+    The density of a mean w is then about |w - e|^-3, averaged over Earth's rates e at all headings
+    and bounded at the noise. With another unit w becomes c w, and the density c^3 times that at
+    c w.
     """
 
     def density(c: float) -> float:

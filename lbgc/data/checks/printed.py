@@ -1,4 +1,4 @@
-"""How a channel's values are distributed as they were printed: counts, rails, values that stay."""
+"""Checks of a channel's values as they were printed: counts, rails, and repeated values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,71 +13,82 @@ from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG
 
 _COARSE = 0.5
-"""Share of samples that repeat the one before: it is 0.56 where the noise is half a count."""
+"""Share of samples that repeat the one before, above which counts are coarse. It is 0.56 where the
+noise is half a count."""
 _PILE, _PILE_ONE_SIDED = 4.0, 1.5
+"""Least ratio of the samples at a rail to those expected, at both ends and at one end only."""
 _NAMED_SHARE, _REFUSED_SHARE, _ONE_SIDED_SHARE = 1e-3, 5e-3, 2e-3
+"""Shares of the samples at a rail above which it is named, is refused, and is looked for at one end
+only."""
 _FEWEST = 200
-"""Samples below which nothing is said of a distribution."""
+"""Samples below which a distribution is not judged."""
 _PLACES = ("smallest", "largest")
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel of a recording."""
+    """One channel of a recording, that is one axis of one triad."""
 
     name: str
-    """As a message calls it, by the file's own axis: gyro x, accelerometer z."""
-    values: np.ndarray  # (T,), SI
+    """Its name in messages, by the file's own axis: gyro x, accelerometer z"""
+    values: np.ndarray
+    """(T,), SI"""
     unit: str
+    """The unit that messages use"""
     scale: float
-    """SI in the unit that messages use."""
+    """The value of that unit in SI"""
     carried: bool
-    """Whether its counts are known to carry their rest over, so that their mean is exact."""
+    """Whether its counts are known to carry their remainder over, so that their mean is exact"""
 
     @cached_property
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
-        """Its values in order, (L,), and how often each is printed."""
+        """The channel's different values in order, (L,), and how often each is printed, (L,)."""
         return np.unique(self.values, return_counts=True)
 
     @cached_property
     def same(self) -> np.ndarray:
-        """(T - 1,), whether each sample but the first repeats the one before."""
+        """(T - 1,), whether each sample after the first repeats the one before."""
         return np.asarray(np.diff(self.values) == 0)
 
     @property
     def is_counted(self) -> bool:
+        """Whether the values are counts: two levels or more, but fewer than a quarter of the
+        samples."""
         return 1 < len(self.distinct[0]) < len(self.values) / 4
 
     @property
     def is_coarse(self) -> bool:
-        """Whether its noise moves it by less than half a count or so from sample to sample."""
+        """Whether the noise moves it by less than about half a count from sample to sample."""
         return self.is_counted and float(self.same.mean()) > _COARSE
 
     @property
     def count(self) -> float:
-        """The smallest step between values that it prints, SI."""
+        """The smallest step between the values that are printed, SI."""
         steps = np.diff(self.distinct[0])
         return float(steps.min()) if len(steps) else 0.0
 
     @cached_property
     def noise(self) -> float:
-        """1 sigma from sample to sample, whatever a few bad ones do, SI."""
+        """1 sigma of the noise from sample to sample, SI, by a median that a few bad samples do not
+        change."""
         step = np.abs(np.diff(self.values))
         return float(np.median(step)) / 0.6745 / np.sqrt(2) if len(step) else 0.0
 
     def shown(self, value: float) -> str:
+        """A value, SI, as text in the unit that messages use."""
         return f"{value / self.scale:.6g} {self.unit}"
 
 
 def channels(record: Record, config: LogConfig, imu: ImuModel | None) -> list[Channel]:
-    """The six channels of a recording, gyros first, by the file's axes."""
+    """The six channels of a recording, gyros first, in the order of the file's axes."""
     found = []
     for name, values, axes, unit, scale in (
         ("gyro", record.gyro, config.axes, "deg/s", DEG),
         ("accelerometer", record.accel, config.axes_of_accel, "m/s2", 1.0),
     ):
         triad = None if imu is None else (imu.gyro if name == "gyro" else imu.accel)
-        carried = triad is not None and triad.carried_lsb is not None
+        counts = None if triad is None else triad.counts
+        carried = counts is not None and counts.is_carried
         for column, axis in sorted(enumerate(axes), key=lambda pair: pair[1][-1]):
             sign = -1.0 if axis.startswith("-") else 1.0
             one = np.ascontiguousarray(sign * values[:, column])
@@ -86,7 +97,7 @@ def channels(record: Record, config: LogConfig, imu: ImuModel | None) -> list[Ch
 
 
 def listed(names: Sequence[str]) -> str:
-    """Channels' names in words, such as: gyro x, y and accelerometer z."""
+    """The names of channels in words, such as: gyro x, y and accelerometer z."""
     triads: dict[str, list[str]] = {}
     for name in names:
         triad, axis = name.split()
@@ -95,7 +106,8 @@ def listed(names: Sequence[str]) -> str:
 
 
 def rail_finding(name: str, every: Sequence[Channel]) -> Finding | None:
-    """Samples that pile up at a channel's smallest or largest value: its range cuts them off."""
+    """The finding that samples pile up at the smallest or largest value of a channel, because its
+    range cuts them off; None where none do."""
     said, most = [], 0.0
     for channel in every:
         for share, end in _piles(channel):
@@ -112,11 +124,11 @@ def rail_finding(name: str, every: Sequence[Channel]) -> Finding | None:
 
 
 def _piles(channel: Channel) -> list[tuple[float, int]]:
-    """The share of the samples at either end (0 smallest, 1 largest) where it is a rail's.
+    """The share of the samples at each end (0 smallest, 1 largest) that is a rail.
 
-    A noise's density falls off towards its ends, so its last value is rarer than those before it.
-    A rail's holds all that would be beyond: several times the next three, or, on one side alone,
-    more than goes on from them.
+    The density of noise falls off towards its ends, so that its last value is rarer than those
+    before it. The value at a rail holds all samples that would be beyond it: several times as many
+    as each of the next three or, at one end only, more than these extrapolate to.
     """
     n = len(channel.values)
     if n < _FEWEST or len(channel.distinct[0]) < 6 or channel.is_coarse:
@@ -132,7 +144,8 @@ def _piles(channel: Channel) -> list[tuple[float, int]]:
         other = _from_end(channel, 1 - end)[1]
         if share > _ONE_SIDED_SHARE and other[0] <= other[1:].max():
             factor = _PILE_ONE_SIDED
-            if c[1] < c[2] < c[3]:  # a Gaussian's next, or less: its density is log-concave
+            # The density of Gaussian noise is log-concave, so the next value has at most this.
+            if c[1] < c[2] < c[3]:
                 expected = c[1] ** 2 / c[2]
                 error = expected**2 * (4 / c[1] + 1 / c[2])
         chance = 5 * np.sqrt(c[0] + factor**2 * (expected + error))
@@ -142,14 +155,15 @@ def _piles(channel: Channel) -> list[tuple[float, int]]:
 
 
 def _from_end(channel: Channel, end: int) -> tuple[np.ndarray, np.ndarray]:
-    """The first four values from an end inwards, and how often each is printed."""
+    """The four values nearest to an end, inwards, and how often each is printed."""
     values, counts = channel.distinct
     inward = 1 - 2 * end
     return values[::inward][:4], counts[::inward][:4].astype(float)
 
 
 def counts_finding(every: Sequence[Channel]) -> Finding | None:
-    """Counts coarser than the noise: a dead band, in which a mean is not what it seems. A note."""
+    """The note that counts are coarser than the noise, so that there is a dead band and means may
+    be wrong; None where there are no such counts."""
     parts = []
     for triad in dict.fromkeys(c.name.split()[0] for c in every):
         own = [c for c in every if c.name.startswith(triad)]
@@ -170,14 +184,15 @@ def counts_finding(every: Sequence[Channel]) -> Finding | None:
 
 
 def held_finding(record: Record) -> Finding | None:
-    """One triad that repeats its values while the other goes on: a slower sensor. A note."""
+    """The note that one triad repeats its values while the other does not, as a slower sensor does;
+    None where neither is so."""
     if len(record.gyro) < _FEWEST:
         return None
     shares = {}
     for name, values in (("gyros", record.gyro), ("accelerometers", record.accel)):
         same = (np.diff(values, axis=0) == 0).all(axis=1)
         moves = (np.diff(values, axis=0) != 0).all(axis=1)
-        # Where rows either repeat whole or change on every axis, it is no matter of coarse counts.
+        # Coarse counts would repeat on single axes; a held sample repeats on all of them.
         shares[name] = float(same.mean()) if (same | moves).mean() > 0.98 else 0.0
     for name, other in (("gyros", "accelerometers"), ("accelerometers", "gyros")):
         if 0.3 < shares[name] < 0.98 and shares[other] < 0.1 * shares[name]:

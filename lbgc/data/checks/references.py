@@ -1,7 +1,7 @@
-"""Whether the headings of several recordings turn as their references do.
+"""Whether the headings of several recordings turn in the same direction as their references.
 
-At rest a mirrored y looks like a right one. Over recordings whose reference headings differ it does
-not: the measured headings then fall where the references rise.
+In one resting recording a mirrored y axis cannot be told from a right one. Recordings with
+different reference headings do tell it: the measured headings then fall where the references rise.
 """
 
 from collections.abc import Sequence
@@ -15,16 +15,19 @@ from lbgc.data.readers.axes import matrix_of, spelled
 from lbgc.data.record import Record
 
 FEWEST = 4
-"""Recordings with references below which they are not held against each other."""
+"""The least number of recordings with references that are compared."""
 _EVIDENCE = 25.0
+"""Twice the log-likelihood ratio that is 5 sigma."""
 _CLOSE = 0.9
-"""Mean resultant length of differences that are about one angle: 26 degrees of scatter."""
+"""The least mean resultant length of differences that have one common angle: 26 degrees of
+scatter."""
 
 
 def turning_finding(
     records: Sequence[Record], config: LogConfig, north: bool = True
 ) -> Finding | None:
-    """Headings that fall where references rise, by more than 5 sigma."""
+    """The finding that headings fall where references rise, by more than 5 sigma; None where they
+    do not."""
     with_, against = _resultants(records)
     if not _better(against, with_, len(records)):
         return None
@@ -43,15 +46,16 @@ def agree(records: Sequence[Record]) -> bool:
 
 
 def _better(one: float, other: float, count: int) -> bool:
-    """Whether `one` is evidently the larger resultant length, by twice the log of the likelihood
-    ratio of two circular variances."""
+    """Whether the mean resultant length `one` is larger than the other by 5 sigma, measured by
+    twice the log-likelihood ratio of the two circular variances."""
     if one < _CLOSE:
         return False
     return count * float(np.log((1 - other + 1e-9) / (1 - one + 1e-9))) > _EVIDENCE
 
 
 def _resultants(records: Sequence[Record]) -> tuple[float, float]:
-    """Mean resultant lengths of heading less reference, and of heading plus reference."""
+    """The mean resultant lengths of heading less reference, and of heading plus reference; zero
+    where references are missing or recordings too few."""
     references = [r.heading_reference for r in records]
     if len(records) < FEWEST or any(reference is None for reference in references):
         return 0.0, 0.0
@@ -62,7 +66,7 @@ def _resultants(records: Sequence[Record]) -> tuple[float, float]:
 
 
 def _heading(record: Record) -> float:
-    """Heading of the mean rate's part across the measured vertical, rad."""
+    """The heading, rad, by the horizontal part of the mean rate, across the measured vertical."""
     down = down_of(record.accel.mean(axis=0))
     rate = record.gyro.mean(axis=0)
     right = np.cross(down, [1.0, 0.0, 0.0])

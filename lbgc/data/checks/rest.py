@@ -1,9 +1,9 @@
-"""Means of resting recordings, and whether they rest.
+"""Means of resting recordings, and the test that they are at rest.
 
-What moves inside a recording is told from noise by the recordings themselves: all of one sensor at
-rest have one law, whatever flicker, drift or warm-up that is, so a recording whose second half
-differs from its first by far more than the others' do has moved. The statistic is Student's t
-exactly where differences are Gaussian; of sets at rest one in 10,000 is refused.
+Motion within a recording is told from noise by the other recordings: all recordings of one sensor
+at rest have the same law, whatever its flicker, drift or warm-up, so a recording whose halves
+differ by far more than those of the others has moved. The statistic is exactly Student's t where
+the differences are Gaussian; one set at rest in 10,000 is refused.
 """
 
 from collections.abc import Iterable
@@ -17,39 +17,42 @@ from lbgc.data.static import AXES
 from lbgc.errors import InputError
 
 _TURNS = 1e-4
-"""rad, by which an encoder's reading may change at rest."""
+"""The change of an encoder's reading up to which a plate is at rest, rad."""
 _TILTS = np.deg2rad(1.0)
-"""Angle by which the vertical may move within a recording, whatever the others do: no drift of an
-accelerometer is so large."""
+"""The angle, rad, by which the vertical may move within a recording, whatever the others do. No
+drift of an accelerometer is so large."""
 _SHORTEST = 16
-"""Values of a recording, below which nothing is asked of its halves."""
+"""Samples of a recording below which its halves are not compared."""
 _ALIKE = 1.2
-"""Ratio of durations up to which recordings have one law."""
+"""Ratio of durations up to which recordings are taken to have the same law."""
 _FALSE_ALARMS = 1e-4
-"""Chance that a set at rest is refused."""
+"""Chance that a set of recordings at rest is refused."""
 _ROUNDING = np.repeat([1e-11, 1e-8], 3)
-"""rad/s and m/s^2, far below what any sensor resolves."""
+"""Scatter of the halves' differences, rad/s and m/s^2, that is taken as rounding: far below what
+any sensor resolves."""
 
 
 @dataclass(frozen=True)
 class Means:
-    """Means of R resting recordings at known headings."""
+    """The means of R resting recordings at known headings."""
 
     rates: np.ndarray
     """(R, 3), rad/s"""
     force: np.ndarray
     """(R, 3), m/s^2"""
     heading: np.ndarray
-    """(R,), rad"""
+    """(R,), rad, reference headings"""
     latitude: np.ndarray
     """(R,), rad"""
     names: tuple[str, ...]
+    """The recordings' names"""
     notes: tuple[str, ...]
-    """What the recordings' readers say of them, each once"""
+    """The recordings' notes, each once"""
 
 
 def means(records: Iterable[Record]) -> Means:
-    """Read them one by one. Raises InputError where a heading is unknown or one does not rest."""
+    """The means of recordings, which are read one by one. Raises InputError where a recording's
+    heading is unknown, or where one is not at rest."""
     rates, force, halves, lengths = [], [], [], []
     heading, latitude, names = [], [], []
     notes: dict[str, None] = {}
@@ -97,8 +100,11 @@ def means(records: Iterable[Record]) -> Means:
 def _require_rest(
     halves: np.ndarray, force: np.ndarray, names: list[str], *, compare: bool
 ) -> None:
-    """halves : (R, 6), second half less first, rad/s and m/s^2; force : (R, 3), m/s^2; compare :
-    whether the recordings have one law."""
+    """Raise InputError where a recording is not at rest.
+
+    halves : (R, 6), mean of the second half less that of the first, rad/s and m/s^2; force :
+    (R, 3), m/s^2; compare : whether the recordings have the same law, so that they can be compared.
+    """
     down = force / np.linalg.norm(force, axis=1, keepdims=True)
     change = halves[:, 3:]
     level = change - np.sum(change * down, axis=1, keepdims=True) * down
@@ -123,14 +129,15 @@ def _require_rest(
 
 
 def _refuse(name: str, value: str, unit: str, what: str) -> None:
+    """Raise the InputError for a recording that is not at rest."""
     raise InputError(name, value, unit, f"{what}: it was not at rest; cut or leave it out")
 
 
 def studentised(values: np.ndarray, floor: np.ndarray) -> tuple[int, int, float]:
-    """Row and column of the value that is furthest from the other rows' of its column, and how many
-    of their spreads: Student's t with R - 2 degrees of freedom.
+    """The row and the column of the value that is furthest from the other rows of its column, and
+    its externally studentised distance, Student's t with R - 2 degrees of freedom.
 
-    values : (R, C); floor : (C,), of the spreads, below which they are rounding.
+    values : (R, C); floor : (C,), the least standard deviation, which stands for rounding.
     """
     count = len(values)
     rest = values - values.mean(axis=0)

@@ -1,5 +1,5 @@
-"""What happened to a log's samples on their way into the file: channels that stay, spikes, values
-that stand for none, stretches pasted twice."""
+"""Checks for samples that were spoiled on their way into the file: channels that are stuck, spikes,
+values that stand for missing ones, stretches pasted twice."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,19 +12,25 @@ from lbgc.data.checks.printed import Channel, listed
 from lbgc.data.record import Record
 
 _FEWEST = 200
+"""Samples below which nothing is checked."""
 _SPIKE, _LOCAL = 8.0, 2.5
-"""A spike's size in sigma of the channel, and in the range of its eight neighbours."""
+"""A spike's least size, in sigma of the channel and in ranges of its eight neighbours."""
 _NEIGHBOURS = np.array([-5, -4, -3, -2, 2, 3, 4, 5])
+"""Those neighbours, relative to the sample."""
 _MOST_CANDIDATES = 20_000
+"""Samples that may be spikes, at most; where there are more, none is."""
 _ALONE = 50.0
-"""Sigma between a value that stands for none and all others."""
+"""Least distance of a value that stands for a missing one from all others, in sigma."""
 _OF_NOISE, _OF_MEAN = 0.05, 0.5
-"""Share of the noise's variance, or of the mean's sigma, at which spikes are no longer harmless."""
+"""The share of the noise's variance, and the shift of the mean in its sigma, above which spikes are
+refused."""
 _LONGEST_PERSISTENCE = 0.9
+"""Probability that a value is repeated above which no run of equal values is too long."""
 
 
 def stuck_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
-    """Channels that print one value throughout, or for longer than their noise allows."""
+    """The finding that channels print one value throughout, or for longer than their noise allows;
+    None where none does."""
     if len(record.gyro) < _FEWEST:
         return None
     whole = [c for c in every if _is_dead(c, every)]
@@ -46,8 +52,8 @@ def stuck_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
 
 
 def _is_dead(channel: Channel, every: Sequence[Channel]) -> bool:
-    """Whether a channel is constant and no coarse counts of its triad's are why: then its two
-    siblings would hardly change either."""
+    """Whether a channel is constant for another reason than coarse counts of its triad, with which
+    the triad's other two channels would hardly change either."""
     if len(channel.distinct[0]) > 1:
         return False
     triad = channel.name.split()[0]
@@ -56,13 +62,15 @@ def _is_dead(channel: Channel, every: Sequence[Channel]) -> bool:
 
 
 def _hardly_changes(channel: Channel) -> bool:
+    """Whether a channel has four values or fewer, or coarse counts."""
     return len(channel.distinct[0]) <= 4 or channel.is_coarse
 
 
 def _longest_stay(channel: Channel) -> tuple[int, int]:
-    """Where the longest run of one value starts and how many samples it has; 0 samples where
-    chance may have made it. Elsewhere a value is followed by the same with a probability q, and
-    once it has, with p: a run of L samples comes by chance max(p, q)^(L - 1) n times."""
+    """The first sample of the longest run of one value, and its number of samples; 0 samples where
+    the run may be chance. In the rest of the channel a value is repeated with the probability q,
+    and a repeated one once more with p, so that chance makes n max(p, q)^(L - 1) runs of L
+    samples."""
     same = channel.same
     edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(np.int8)))
     starts, ends = edges[::2], edges[1::2]
@@ -84,28 +92,34 @@ def _longest_stay(channel: Channel) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class _Spikes:
+    """The spikes of one channel."""
+
     channel: Channel
+    """The channel"""
     rows: np.ndarray
+    """(k,), the spikes' samples"""
     away: np.ndarray
-    """SI, how far from its neighbours each is."""
+    """(k,), SI, distance of each spike from its neighbours"""
 
     @property
     def share_of_noise(self) -> float:
+        """The power of the spikes over that of the channel's noise."""
         n = len(self.channel.values)
         noise = max(self.channel.noise, self.channel.count / 4)
         return float(np.sum((self.away / noise) ** 2)) / n if noise > 0 else np.inf
 
     @property
     def shift(self) -> float:
-        """Shift of the channel's mean by the spikes, in its sigma by the noise from sample to
-        sample."""
+        """The shift of the channel's mean by the spikes, in sigma of that mean by the noise from
+        sample to sample."""
         n = len(self.channel.values)
         noise = max(self.channel.noise, self.channel.count / 4) / np.sqrt(n)
         return abs(float(np.sum(self.away))) / n / noise if noise > 0 else np.inf
 
 
 def outliers_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
-    """Single samples far from their neighbours, and values that stand for none (-999, 0, 32767)."""
+    """The finding that single samples are far from their neighbours, or that values stand for
+    missing ones (-999, 0, 32767); None where there are no such samples."""
     if len(record.gyro) < _FEWEST:
         return None
     found = [spikes for c in every if len((spikes := _spikes(c)).rows)]
@@ -127,6 +141,7 @@ def outliers_finding(record: Record, every: Sequence[Channel]) -> Finding | None
 
 
 def _spikes(channel: Channel) -> _Spikes:
+    """The spikes of a channel, or its values that stand for missing ones, where there are any."""
     x = channel.values
     none = _Spikes(channel, np.empty(0, int), np.empty(0))
     sentinel = _apart(channel)
@@ -155,7 +170,8 @@ def _spikes(channel: Channel) -> _Spikes:
 
 
 def _apart(channel: Channel) -> np.ndarray:
-    """Rows of a smallest or largest value that is printed several times and lies far from all."""
+    """The rows of a smallest or largest value that is printed several times and is far from all
+    other values."""
     values, counts = channel.distinct
     if len(values) < 3 or channel.is_coarse:
         return np.empty(0, int)
@@ -171,7 +187,8 @@ def _apart(channel: Channel) -> np.ndarray:
 
 
 def pasted_finding(record: Record) -> Finding | None:
-    """Stretches of all six channels that stand in the recording twice."""
+    """The finding that stretches of all six channels occur in the recording twice; None where there
+    are none."""
     if len(record.gyro) < _FEWEST:
         return None
     found = pasted(np.hstack([record.gyro, record.accel]))

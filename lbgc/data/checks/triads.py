@@ -1,8 +1,10 @@
-"""Whether gyros and accelerometers are described in one frame: two vectors checked together.
+"""Whether a log's description has gyros and accelerometers in one frame, by the two measured
+vectors together.
 
-At rest Earth's rate along the measured vertical is -Omega sin(latitude), whatever the heading: that
-tells a sign or a swap of one triad against the other. A mirrored frame of both looks at rest like a
-right one. Where the base leans or sways, d(f)/dt = -w x f holds for slow motion and tells that too.
+At rest Earth's rate along the measured vertical is -Omega sin(latitude) at any heading, which shows
+a wrong sign or swapped axes of one triad relative to the other. At rest a frame that is mirrored
+for both triads cannot be told from a right one. Where the base leans or sways, slow motion obeys
+df/dt = -w x f, which shows that, too.
 """
 
 from dataclasses import dataclass
@@ -20,21 +22,25 @@ from lbgc.earth import EARTH_RATE
 from lbgc.units import DEG
 
 _EVIDENCE = 25.0
-"""Chi-square by which another frame must be better, 5 sigma: twice a log likelihood ratio."""
+"""Chi-square by which another frame must be better, 5 sigma: twice a log-likelihood ratio."""
 _THREE_SIGMA = 14.2
-"""Chi-square of three degrees of freedom that is exceeded as seldom as 3 sigma: worth a note."""
+"""The chi-square with three degrees of freedom that is exceeded as seldom as 3 sigma, from which on
+there is a note."""
 _RUINOUS = 0.5
-"""Share of Earth's horizontal rate: a bias that turns north by 30 degrees."""
+"""A bias, as a share of Earth's horizontal rate, that turns north by 30 degrees."""
 _NOTED = 0.1
-"""Share of Earth's horizontal rate: a bias that turns north by 6 degrees."""
+"""A bias, as a share of Earth's horizontal rate, that turns north by 6 degrees."""
 _TEN_TIMES = 10.0
+"""Factor by which the misfit must be smaller in a frame that explains the means."""
 _FORWARD_DEG = 10.0
+"""Angle between forward axis and vertical below which there is no heading, degrees."""
 _BLOCKS_S = (2.0, 5.0)
-"""Lengths of the blocks by which motion is seen: longer than what shakes a sensor about, within
-which a swaying lever arm's own acceleration may exceed gravity's."""
+"""Lengths of the blocks whose means show motion, s. They are longer than the periods of sway, in
+which the acceleration of a lever arm may exceed the change of gravity's direction."""
 _FEWEST_BLOCKS = 48
+"""Blocks of a recording, at least."""
 _EXPLAINED = 0.2
-"""Share of what the vertical does that the gyros must explain before motion says anything."""
+"""Share of the vertical's change that the gyros must explain for motion to be used."""
 
 _ONE = np.eye(3)
 _LEFT_UP = np.diag([1.0, -1.0, -1.0])
@@ -43,16 +49,20 @@ _RIGHT_FORWARD_UP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]
 
 @dataclass(frozen=True)
 class Frame:
-    """What the log's frames might be instead: it turns each triad, as described, into the body."""
+    """A possible frame of the log's triads: the matrices from the axes of the description to the
+    body."""
 
-    gyro: np.ndarray  # (3, 3), a signed permutation
-    accel: np.ndarray  # (3, 3), likewise
+    gyro: np.ndarray
+    """(3, 3), a signed permutation, for the gyros"""
+    accel: np.ndarray
+    """(3, 3), a signed permutation, for the accelerometers"""
     south: bool = False
-    """Whether the latitude's sign is the wrong one."""
+    """Whether the latitude has the wrong sign"""
     words: str = ""
+    """What the frame is, in words"""
 
     def option(self, config: LogConfig) -> str:
-        """What to type for it, and what it means."""
+        """The options that a user types for this frame, and in brackets what it is."""
         gyro = self.gyro @ matrix_of(config.axes)
         accel = self.accel @ matrix_of(config.axes_of_accel)
         parts = []
@@ -66,6 +76,7 @@ class Frame:
 
 
 def _signed_permutations() -> list[np.ndarray]:
+    """All 48 signed permutation matrices, (3, 3)."""
     signs = [np.diag(s) for s in product((1.0, -1.0), repeat=3)]
     return [sign @ np.eye(3)[list(p)] for p in permutations(range(3)) for sign in signs]
 
@@ -88,23 +99,24 @@ _SWAPS = tuple(
     Frame(m, _ONE, words="the gyros' columns")
     for m in sorted(_EVERY, key=lambda m: ((m < 0).sum(), (np.diag(m) == 0).sum()))
 )
-"""Plain exchanges of columns first."""
+"""Frames with permuted and reversed gyro columns, those without changed signs first."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Slow motion of one recording: what the gyros say that the force's direction should do, and
-    what it does, as described."""
+    """The slow motion of one recording, by block means in the axes of the description: rotations
+    from the gyros, and changes of the measured force."""
 
     turned: np.ndarray
-    """(K, 3), rad: rotations from one block's middle to the next."""
+    """(K, 3), rad, rotations from one block's middle to the next one's"""
     force: np.ndarray
-    """(K, 3), m/s^2: the mean of the two blocks."""
+    """(K, 3), m/s^2, mean force of the two blocks"""
     change: np.ndarray
-    """(K, 3), m/s^2: of the force from one to the next."""
+    """(K, 3), m/s^2, change of the force from one block to the next"""
 
     def left(self, frame: Frame) -> np.ndarray:
-        """(K,): the square of what the gyros do not explain, in this frame."""
+        """(K,), m^2/s^4, squares of the changes of force that the gyros do not explain in this
+        frame."""
         turned, force, change = (
             self.turned @ frame.gyro.T,
             self.force @ frame.accel.T,
@@ -113,15 +125,16 @@ class Motion:
         return np.asarray(np.sum((change + np.cross(turned, force)) ** 2, axis=1))
 
     def explained(self, frame: Frame) -> float:
-        """The share of the change that the gyros explain in this frame: 1 is all, 0 none."""
+        """The share of the changes that the gyros explain in this frame: 1 is all, 0 none."""
         every = float(np.sum(self.change**2))
         return 1 - float(self.left(frame).sum()) / every if every > 0 else 0.0
 
     def speaks(self, better: Frame, worse: Frame) -> bool:
-        """Whether the motion tells the two apart by more than 5 sigma, and fits the better one.
+        """Whether the motion prefers one frame to the other by more than 5 sigma, and fits it.
 
-        Where the gyros say that most happened, each step's difference of the two misfits over
-        their sum, within +-1: so no knock or bad stretch outweighs the rest.
+        The statistic is taken from the quarter of the steps with the largest motion by the gyros:
+        the difference of the two misfits over their sum. It is within +-1 for each step, so that no
+        knock or bad stretch outweighs the rest.
         """
         if self.explained(better) < _EXPLAINED or self.explained(worse) > 0:
             return False
@@ -135,7 +148,7 @@ class Motion:
 
 
 def motions(record: Record) -> list[Motion]:
-    """The recording's motion by blocks of each length that it is long enough for."""
+    """The recording's motion, by blocks of each length for which it is long enough."""
     angle = np.cumsum(record.gyro - record.gyro.mean(axis=0), axis=0) / record.rate_hz
     found = []
     for length in _BLOCKS_S:
@@ -150,22 +163,27 @@ def motions(record: Record) -> list[Motion]:
 
 
 def _means(values: np.ndarray, size: int, count: int) -> np.ndarray:
+    """Means of values (T, 3) over `count` blocks of `size` samples, (count, 3)."""
     return np.asarray(values[: size * count].reshape(count, size, 3).mean(axis=1))
 
 
 @dataclass(frozen=True)
 class Frames:
-    """A recording's two triads, held against each other in any frame."""
+    """A recording's means and motion, by which possible frames are compared."""
 
     rest: Resting
+    """The means at rest"""
     motions: list[Motion]
+    """The slow motion, by blocks of several lengths"""
 
     @cached_property
     def described(self) -> tuple[float, float]:
+        """The misfit of the frames as the log describes them."""
         return self.misfit(Frame(_ONE, _ONE))
 
     def misfit(self, frame: Frame) -> tuple[float, float]:
-        """Chi-square and size (rad/s) of what Earth's rate leaves in this frame."""
+        """The chi-square and the size (rad/s) of the mean rate's difference from Earth's rate in
+        this frame."""
         rest, turn = self.rest, np.abs(frame.gyro)
         latitude = -rest.latitude if frame.south else rest.latitude
         rate, force = frame.gyro @ rest.rate, frame.accel @ rest.force
@@ -175,7 +193,8 @@ class Frames:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the means speak against the frames as described, if nothing but a frame does."""
+        """Whether the means contradict the frames as described, so that another frame is looked
+        for; a bias may be the reason, too."""
         chi, off = self.described
         if self.rest.stated is not None:
             return chi > _THREE_SIGMA
@@ -183,15 +202,16 @@ class Frames:
 
     @property
     def refutes(self) -> bool:
-        """Whether the means contradict by more than a bias that nobody stated may do: where one
-        that would turn north by 30 degrees were at work, nothing is lost by a refusal."""
+        """Whether the means contradict the frames as described by 5 sigma or, where no errors are
+        stated, by more than a bias that would turn north by 30 degrees, with which a refusal loses
+        nothing."""
         chi, off = self.described
         if self.rest.stated is not None:
             return chi > FIVE_SIGMA
         return off > _RUINOUS * self.rest.horizontal
 
     def explains(self, frame: Frame) -> bool:
-        """Whether this frame makes sense of means that contradict the one described."""
+        """Whether this frame explains means that contradict the frames as described."""
         chi, off = self.misfit(frame)
         if self.rest.stated is not None:
             better = _EVIDENCE if self.refutes else _THREE_SIGMA - 1
@@ -201,14 +221,15 @@ class Frames:
         return off <= least
 
     def moved(self, better: Frame, worse: Frame) -> bool:
-        """Whether motion at every time scale prefers one frame to the other."""
+        """Whether the motion at every time scale prefers the first frame to the second."""
         return bool(self.motions) and all(m.speaks(better, worse) for m in self.motions)
 
     def upright(self, frame: Frame) -> bool:
+        """Whether the down axis does not point up in this frame."""
         return float(down_of(frame.accel @ self.rest.force)[2]) > -0.05
 
     def compared(self) -> bool:
-        """Whether a wrong sign of one triad against the other would have been seen."""
+        """Whether a wrong sign of one triad relative to the other would show in this recording."""
         if self.moved(Frame(_ONE, _ONE), Frame(-_ONE, _ONE)):
             return True
         chi, off = self.described
@@ -220,7 +241,9 @@ class Frames:
 
 
 def frames_finding(frames: Frames, config: LogConfig, north: bool) -> Finding | None:
-    """Gyros against accelerometers: what the means or slow motion contradict by over 5 sigma."""
+    """The finding that the means, or slow motion by more than 5 sigma, contradict the frames in
+    which gyros and accelerometers are described; None where they do not, or where no other frame
+    explains them."""
     own = Frame(_ONE, _ONE)
     upright = [f for f in (*_NAMED, *_SWAPS) if frames.upright(f)]
     moving = [f for f in upright if frames.moved(f, own)]
@@ -247,7 +270,8 @@ def frames_finding(frames: Frames, config: LogConfig, north: bool) -> Finding | 
 
 
 def geometry_finding(frames: Frames, config: LogConfig, north: bool) -> Finding | None:
-    """Where the described axes point: forward is near the vertical, or down is not down."""
+    """The finding that the forward axis is near the vertical, or that the down axis does not point
+    down; None where both are as they should be."""
     down = down_of(frames.rest.force)
     name, shown = frames.rest.name, spelled(matrix_of(config.axes))
     forward = float(np.rad2deg(np.arccos(min(1.0, abs(down[0])))))
@@ -270,7 +294,7 @@ def geometry_finding(frames: Frames, config: LogConfig, north: bool) -> Finding 
 
 
 def _turned_over(frames: Frames) -> list[Frame]:
-    """What a log whose down axis points up may be."""
+    """The frames that a log may have whose down axis points up."""
     found = [
         Frame(_LEFT_UP, _LEFT_UP, words="if the file is forward-left-up"),
         Frame(_RIGHT_FORWARD_UP, _RIGHT_FORWARD_UP, words="if it is right-forward-up"),
@@ -281,7 +305,8 @@ def _turned_over(frames: Frames) -> list[Frame]:
 
 
 def mirrored_finding(frames: Frames, config: LogConfig) -> Finding | None:
-    """What of the frames this log cannot say: a note."""
+    """The note of what cannot be checked of the frames from this log; None where motion tells all
+    of it."""
     if frames.moved(Frame(_ONE, _ONE), Frame(-_ONE, _ONE)):
         return None
     what = "the sign of y cannot be checked from this log: at rest a mirrored y, or x and y in "

@@ -1,1 +1,1 @@
-"""From a file that nobody prepared to columns, units and an even clock."""
+"""Readers that find columns, units and an even clock in a log file of any layout."""

@@ -1,4 +1,4 @@
-"""How a log says which of its file's axes point forward, right and down: [y, x, -z]."""
+"""The notation for which of a file's axes point forward, right and down, such as [y, x, -z]."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from lbgc.errors import require
 
 
 def require_axes(name: str, axes: Sequence[str]) -> None:
-    """Raise InputError unless each of x, y and z stands once, with a minus or without."""
+    """Raise InputError unless axes are x, y and z in some order, each with or without a minus."""
     letters = sorted(axis.removeprefix("-") for axis in axes)
     require(
         letters == ["x", "y", "z"],
@@ -20,7 +20,7 @@ def require_axes(name: str, axes: Sequence[str]) -> None:
 
 
 def matrix_of(axes: Sequence[str]) -> np.ndarray:
-    """What takes the file's (x, y, z) to (forward, right, down), (3, 3)."""
+    """The matrix, (3, 3), from the file's (x, y, z) to (forward, right, down)."""
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
@@ -28,12 +28,12 @@ def matrix_of(axes: Sequence[str]) -> np.ndarray:
 
 
 def is_right_handed(axes: Sequence[str]) -> bool:
-    """Whether a right-handed file becomes a right-handed body by them."""
+    """Whether these axes of a right-handed frame make a right-handed body frame."""
     return bool(np.linalg.det(matrix_of(axes)) > 0)
 
 
 def spelled(matrix: np.ndarray) -> str:
-    """A signed permutation (3, 3) as one types it: [y,x,-z]."""
+    """A signed permutation matrix (3, 3) in the notation that a user types: [y,x,-z]."""
     letters = ("xyz"[int(np.abs(row).argmax())] for row in matrix)
     signs = ("-" if row.sum() < 0 else "" for row in matrix)
     return "[" + ",".join(sign + letter for sign, letter in zip(signs, letters, strict=True)) + "]"

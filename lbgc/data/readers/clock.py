@@ -1,4 +1,4 @@
-"""A log's clock: its time column's unit, its rate, and whether either makes sense."""
+"""A log's clock: the unit of its time column, its rate, and whether both are plausible."""
 
 from dataclasses import dataclass
 
@@ -16,39 +16,42 @@ TIME_UNITS: dict[str, float] = {
     "h": 3600.0,
     "d": 86400.0,
 }
-"""Seconds; 100us are the ticks of some vendors' fine time."""
+"""Units of time, in seconds; 100us are the ticks of some vendors' fine time."""
 _TRIED = ("s", "ms", "us", "ns", "min", "h", "d")
-"""What a column that does not say its unit may be in."""
+"""Units that are tried for a column that does not state its unit."""
 _SLOWEST_HZ, _FASTEST_HZ = 0.5, 20_000.0
+"""Plausible sample rates."""
 _USUAL_HZ = (4.9, 2100.0)
-"""Rates at which a column is in seconds without saying so: slower, it may be in milliseconds, and
-faster in minutes."""
+"""Rates between which a column without a unit is taken to be in seconds. With a lower rate it may
+be in milliseconds, and with a higher one in minutes."""
 _LONGEST_S = 31 * 86400.0
+"""The longest plausible duration of a log, s."""
 _EPOCHS_S = (946_684_800.0, 4_102_444_800.0)
-"""Unix time in the years 2000 to 2100."""
+"""Unix time in the years 2000 to 2100, s."""
 _WRAPS = tuple(2.0**bits for bits in (8, 15, 16, 24, 31, 32)) + tuple(
     span * scale for span in (1.0, 60.0, 3600.0, 86400.0, 604800.0) for scale in (1, 1e3, 1e6, 1e9)
 )
-"""Values at which counters and times of day or week begin again."""
+"""Values at which counters, and times of day or week, wrap round to zero."""
 
 
 @dataclass(frozen=True)
 class Said:
-    """What is known of a log's clock beside its stamps."""
+    """What is stated of a log's clock besides its stamps."""
 
     unit: str
     """Unit of the stamps: auto, or one of TIME_UNITS."""
     column: str | None = None
-    """Unit that the column's own name says."""
+    """Unit that the column's name states."""
     rate_hz: float | None = None
-    """Rate that the user or the file's comments say."""
+    """Rate that the user or the file's comments state, Hz."""
     first: float = 0.0
-    """The first stamp."""
+    """The first stamp, in its own unit."""
 
 
 def since_first(stamps: np.ndarray) -> tuple[np.ndarray, int]:
-    """Stamps (T,), whole numbers or floats, as floats since the first, exact where they are whole;
-    and how often they began again from zero, as counters and times of day do."""
+    """Stamps relative to the first one, unwrapped, and how often they wrapped round to zero, as
+    counters and times of day do. stamps : (T,), whole numbers or floats. Returns float64, exact
+    where stamps are whole."""
     relative = np.asarray(stamps - stamps[0], dtype=float)
     steps = np.diff(relative)
     back = steps[steps < 0]
@@ -71,7 +74,8 @@ def since_first(stamps: np.ndarray) -> tuple[np.ndarray, int]:
 def unit_of_time(name: str, step: float, duration: float, said: Said) -> tuple[str, str | None]:
     """The unit of stamps with this step and duration, and a note where it was inferred.
 
-    name : of the log. Raises InputError where the unit makes no sense, or several do.
+    name : the log's name, for messages. Raises InputError where the stated unit is not plausible,
+    or where several units are.
     """
     if said.unit != "auto" or said.column is not None:
         unit = said.unit if said.unit != "auto" else str(said.column)
@@ -104,6 +108,7 @@ def unit_of_time(name: str, step: float, duration: float, said: Said) -> tuple[s
 
 
 def _require_plausible(name: str, unit: str, step: float, duration: float, said: Said) -> None:
+    """Raise InputError, naming units that would be plausible, unless this one is."""
     if _is_plausible(step, duration, unit):
         return
     fits = [u for u in _TRIED if u != unit and _is_plausible(step, duration, u)]
@@ -120,25 +125,30 @@ def _require_plausible(name: str, unit: str, step: float, duration: float, said:
 
 
 def _is_plausible(step: float, duration: float, unit: str) -> bool:
+    """Whether this unit makes a plausible sample rate and duration."""
     seconds = step * TIME_UNITS[unit]
     fast = seconds * (1 + 1e-6) >= 1 / _FASTEST_HZ and seconds <= (1 + 1e-6) / _SLOWEST_HZ
     return fast and duration * TIME_UNITS[unit] <= _LONGEST_S
 
 
 def _agrees(step: float, unit: str, rate_hz: float | None) -> bool:
+    """Whether this unit makes the stated rate, within 1%."""
     return rate_hz is not None and abs(1 / step / TIME_UNITS[unit] / rate_hz - 1) < 0.01
 
 
 def _is_date(seconds: float) -> bool:
+    """Whether a time is Unix time of this century."""
     return _EPOCHS_S[0] <= seconds <= _EPOCHS_S[1]
 
 
 def _would(fits: list[str], step: float, duration: float) -> str:
+    """The clause of a message that lists units, each with the rate and duration it would make."""
     return " or ".join(
         f"{unit} (log.time_unit={unit} makes it {_as(step, duration, unit)})" for unit in fits
     )
 
 
 def _as(step: float, duration: float, unit: str) -> str:
+    """The rate and the duration that a unit makes, as text."""
     rate, seconds = 1 / step / TIME_UNITS[unit], duration * TIME_UNITS[unit]
     return f"{rate:.6g} Hz, {seconds:.4g} s"

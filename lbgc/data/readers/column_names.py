@@ -1,4 +1,4 @@
-"""What a file's column names say: which is which axis, in which unit, and which is the time."""
+"""The meaning of a file's column names: the sensor and axis, the unit, and which is the time."""
 
 import re
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ _BRACKETS = re.compile(r"^(.*?)[\s_]*[(\[{<]([^)\]}>]*)[)\]}>]\s*$")
 _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+|[^\W\d_]+")
 
 _LONGEST = 200
-"""Characters of a name that says something."""
+"""Characters of a name that is looked at, at most."""
 
 _UNITS = {
     "rad/s": "rad/s", "rads": "rad/s", "rad/sec": "rad/s", "rps": "rad/s", "radps": "rad/s",
@@ -38,7 +38,7 @@ _SUFFIXES = {
     ("m", "s", "2"): "m/s2", ("m", "s2"): "m/s2", ("m", "per", "s", "2"): "m/s2",
     ("mps", "2"): "m/s2", ("ms", "2"): "m/s2",
 }  # fmt: skip
-"""What names end in, word by word."""
+"""Units at the end of a name, as its last words."""
 _KINDS = {
     "gyro": "g w gyr gyro gyros gyroscope omega angularvelocity angularvel angvel angularrate "
     "angrate rotationrate rotrate rate rates gyrorate turnrate gyrorotation",
@@ -60,15 +60,19 @@ _TIMES = re.compile(
 
 @dataclass(frozen=True)
 class Described:
-    """A column by its name: what it holds, of which axis, in which unit; None where unsaid."""
+    """The meaning of a column by its name; None where the name does not state it."""
 
     kind: str | None
+    """gyro, accel or time"""
     axis: str | None
+    """x, y or z"""
     unit: str | None
+    """The unit, as it is called here"""
 
 
 def unit(text: str) -> str | None:
-    """A unit as people write it ("°/s", "rad s^-1", "m/s²"), as it is called here, or None."""
+    """The name that a unit has here, for the ways in which people write it ("°/s", "rad s^-1",
+    "m/s²"); None where the text is no unit that is known."""
     plain = text.strip().strip("()[]{}<>").strip().replace("\N{MICRO SIGN}", "u")
     plain = plain.replace("\N{GREEK SMALL LETTER MU}", "u").replace("\N{DEGREE SIGN}", "deg")
     plain = plain.replace("\N{SUPERSCRIPT TWO}", "2").replace("\N{SUPERSCRIPT ONE}", "1")
@@ -83,7 +87,8 @@ def unit(text: str) -> str | None:
 
 
 def described(name: str, units_row: str = "") -> Described:
-    """What a column's name says, and the word beneath it in a row of units, if there is one."""
+    """The meaning of a column by its name, and by the text beneath it in a row of units, if there
+    is one."""
     if len(name) > _LONGEST:
         return Described(None, None, None)
     base, said = name, unit(units_row[:_LONGEST]) if units_row else None
@@ -108,13 +113,14 @@ def described(name: str, units_row: str = "") -> Described:
 
 
 def _in_name(joined: str) -> str | None:
-    """The unit that a time's own word is."""
+    """The unit in the name of a time column that is itself a unit, such as seconds or millis."""
     if joined.startswith("seconds"):
         return "s"
     return _UNITS.get(joined) if joined not in ("t", "s", "d", "h") else None
 
 
 def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
+    """A name's words without a unit at the end, and that unit."""
     for suffix, said in _SUFFIXES.items():
         if len(words) > len(suffix) and tuple(words[-len(suffix) :]) == suffix:
             return words[: -len(suffix)], said
@@ -134,6 +140,8 @@ def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
 
 
 def _vector(words: Sequence[str]) -> tuple[str | None, str | None]:
+    """The sensor (gyro or accel) and the axis that a name's words state; None for both where they
+    do not."""
     kept = [word for word in words if not _NOISE.fullmatch(word) and not word.isdigit()]
     axes = [word for word in kept if word in ("x", "y", "z")]
     if len(axes) == 1:
@@ -149,7 +157,8 @@ def _vector(words: Sequence[str]) -> tuple[str | None, str | None]:
 
 
 def seconds_and_nanoseconds(names: Sequence[str]) -> tuple[int, int] | None:
-    """The two columns of a time in whole seconds and nanoseconds, as ROS prints it."""
+    """The positions of the two columns of a time in whole seconds and nanoseconds, as ROS prints
+    it; None where there are no such columns."""
     flat = ["".join(word.lower() for word in _WORDS.findall(name)) for name in names]
     pairs = []
     for first, second in (("secs", "nsecs"), ("sec", "nanosec"), ("sec", "nsec")):

@@ -1,4 +1,4 @@
-"""Times of day and dates as people write them, for differences between them."""
+"""Times of day and dates as people write them, converted to nanoseconds for their differences."""
 
 import re
 from collections.abc import Sequence
@@ -16,8 +16,9 @@ _WRITTEN = re.compile(
 
 
 def nanoseconds(texts: Sequence[str] | np.ndarray) -> np.ndarray | None:
-    """Times such as 26.11.2026 12:00:00,010 or 12:00:00.010, (T,) int64, in ns since midnight or
-    since the year 2000; None where one of them is none. Zones are not looked at: a log has one."""
+    """Times such as 26.11.2026 12:00:00,010 or 12:00:00.010 in ns since midnight, or since the year
+    2000 where they have dates: (T,), int64. None where one of the texts is no time. Time zones are
+    ignored, since a log has only one."""
     days: dict[tuple[int, int, int], int] = {}
     found = np.empty(len(texts), dtype=np.int64)
     for at, text in enumerate(texts):

@@ -1,4 +1,4 @@
-"""How a text file lays out its rows: separator, decimal sign, header, row of units, preamble."""
+"""The layout of a text file of numbers: separator, decimal sign, header, row of units, preamble."""
 
 import csv
 import re
@@ -10,47 +10,56 @@ from lbgc.data.readers.column_names import unit
 from lbgc.errors import InputError
 
 MARKS = ("#", "%", "//", ";", "!")
-"""What comments begin with."""
+"""Characters with which comments begin."""
 MOST_BEFORE = 20_000
-"""Lines that may stand before the data."""
+"""Lines that may stand before the data, at most."""
 _FOLLOWING = 10
+"""Lines after the first row that are compared with it."""
 _ABOVE = 6
-"""Lines above the data among which the header is looked for."""
+"""Lines above the data, without empty ones, among which the header is looked for."""
 _LONGEST_LINE, _LONGEST_HEADER = 100_000, 10_000
+"""Characters of a row and of a header, at most."""
 _BLANKS = " "
+"""The separator that stands for any number of blanks and tabs."""
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
 }
 _WITH_UNIT = re.compile(r'"[^"]*"|[^\s(\[]+(?:\s*[(\[][^)\]]*[)\]])?')
-"""A name and its unit in brackets."""
+"""A column's name with its unit in brackets."""
 _NO_NUMBER = {"nan", "inf", "-inf", "+inf", "na", "n/a", "null", "-nan"}
+"""Words that may stand in the place of a number."""
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the rows are laid out, and what stands before them."""
+    """The layout of a file's rows, and its header."""
 
     separator: str
-    """One character; a blank stands for any number of blanks and tabs."""
+    """The character between fields; a blank stands for any number of blanks and tabs"""
     decimal: str
+    """The decimal sign, a point or a comma"""
     first: int
-    """The line of the first row, counted from zero."""
+    """The line of the first row, counted from zero"""
     width: int
+    """Number of fields in a row"""
     names: tuple[str, ...] | None
+    """The columns' names; None where there is no header"""
     units: tuple[str, ...]
+    """The units in a row beneath the header; empty where there is none"""
     numbers: tuple[str, ...]
-    """The first row's fields."""
+    """The first row's fields"""
     skipped: tuple[tuple[int, str], ...]
-    """Lines, counted from zero, between header and rows that hold numbers and are no row."""
+    """Lines between header and rows that hold numbers but are not laid out as rows, each with its
+    number counted from zero"""
 
 
 def layout(lines: Sequence[str], key: str, name: str, whole: bool, comma: bool) -> Dialect:
-    """The layout of a file that begins with these lines.
+    """Find the layout of a file that begins with these lines.
 
-    key, name : what errors call the file; whole : whether these are all its lines; comma : whether
-    commas stand further down, which decides where the first rows hold whole numbers alone. Raises
-    InputError.
+    key, name : what messages call the file; whole : whether these are all its lines; comma :
+    whether the file has commas anywhere, which decides the decimal sign where the first rows have
+    whole numbers only. Raises InputError where no line begins rows of numbers.
     """
     for least in (6, 4, 2, 1):
         for first in range(min(len(lines), MOST_BEFORE)):
@@ -70,7 +79,7 @@ def layout(lines: Sequence[str], key: str, name: str, whole: bool, comma: bool) 
 
 
 def fields(line: str, separator: str) -> list[str]:
-    """A line's fields, without blanks and quotes around them."""
+    """The fields of a line, without blanks and quotes around them."""
     if separator == _BLANKS:
         found = re.findall(r'"[^"]*"|\S+', line)
         return [field.strip('"') for field in found]
@@ -82,17 +91,19 @@ def fields(line: str, separator: str) -> list[str]:
 
 
 def is_number(field: str, decimal: str) -> bool:
+    """Whether a field is a number with this decimal sign."""
     return _NUMBER[decimal].fullmatch(field) is not None
 
 
 def is_comment(line: str, separator: str) -> bool:
+    """Whether a line begins with a comment mark, other than the separator."""
     start = line.lstrip()
     return any(start.startswith(mark) for mark in MARKS if mark != separator)
 
 
 @lru_cache(maxsize=2048)
 def _pattern(line: str, separator: str, decimal: str) -> tuple[bool | None, ...]:
-    """Which fields are numbers; None: it is empty and could be either."""
+    """Whether each field of a line is a number; None for an empty field, which may be either."""
     if len(line) > _LONGEST_LINE:
         return ()
     return tuple(
@@ -102,17 +113,20 @@ def _pattern(line: str, separator: str, decimal: str) -> tuple[bool | None, ...]
 
 
 def _alike(one: Sequence[bool | None], other: Sequence[bool | None]) -> bool:
+    """Whether two lines have as many fields, and numbers in the same ones."""
     pairs = zip(one, other, strict=False)
     return len(one) == len(other) and all(a is None or b is None or a == b for a, b in pairs)
 
 
 def _has(lines: Sequence[str], first: int, character: str) -> bool:
+    """Whether a character occurs in the thousand lines from `first` on."""
     return any(character in line for line in lines[first : first + 1000])
 
 
 def _best(lines: Sequence[str], first: int, least: int) -> tuple[str, str] | None:
-    """Separator and decimal sign under which data begin at this line: half of the next lines and
-    more have numbers in the same fields. None: they do not."""
+    """The separator and the decimal sign with which rows begin at this line: at least `least` of
+    its fields are numbers, and at least half of the next lines have numbers in the same fields.
+    None where that is so with none."""
     line = lines[first]
     if not any(character.isdigit() for character in line[:2000]):
         return None
@@ -134,12 +148,14 @@ def _best(lines: Sequence[str], first: int, least: int) -> tuple[str, str] | Non
 
 
 def _following(lines: Sequence[str], first: int, separator: str) -> list[str]:
+    """The next lines that are neither empty nor comments, ten at most."""
     some = lines[first + 1 : first + 1 + 3 * _FOLLOWING]
     rows = [text for text in some if text.strip() and not is_comment(text, separator)]
     return rows[:_FOLLOWING]
 
 
 def _with_header(lines: Sequence[str], first: int, separator: str, decimal: str) -> Dialect:
+    """The layout with the header and the row of units that stand above the first row."""
     row = tuple(fields(lines[first], separator))
     width = len(row)
     units: tuple[str, ...] = ()
@@ -157,14 +173,15 @@ def _with_header(lines: Sequence[str], first: int, separator: str, decimal: str)
             continue
         names = found
         break
-    if names is None and units:  # such as s, g
+    if names is None and units:  # names that could be units, such as s and g
         names, units = units, ()
     between = tuple(skipped[::-1]) if names is not None else ()
     return Dialect(separator, decimal, first, width, names, units, row, between)
 
 
 def _header(line: str, separator: str, width: int, trailing: bool) -> tuple[str, ...] | None:
-    """A header's names, as many as rows have fields; None where this line is none."""
+    """The names in a header line, as many as rows have fields; None where the line is no header.
+    trailing : whether rows end with an empty field."""
     if len(line) > _LONGEST_HEADER:
         return None
     text = line

@@ -1,7 +1,8 @@
-"""Sensors slower than their logger: rows that are printed again until the next sample comes.
+"""Detection of sensors that are slower than their logger, which prints a sample again until the
+next one comes.
 
 Values repeat by chance as well, where counts are coarse. The two are told apart by how often all
-axes repeat together: by chance that is the product of how often each does.
+axes repeat together: by chance that is the product of how often each one does.
 """
 
 from dataclasses import dataclass
@@ -9,41 +10,47 @@ from dataclasses import dataclass
 import numpy as np
 
 FEWEST_CHANGES = 20
-"""Changes of a column, below which its pattern tells nothing."""
+"""Changes of a column below which its pattern tells nothing."""
 _MOST = 1000
-"""Rows a sample, at the most."""
+"""Rows for which a sample is held, at most."""
 _ALIKE = 0.98
-"""Share of runs that must be whole multiples of the same number of rows."""
+"""The share of runs of equal values that must be whole multiples of one number of rows."""
 _BLOCK = 256
+"""Rows in a block in which repeats are counted."""
 _SIGMAS = 5.0
+"""Standard errors by which joint repeats must exceed those by chance."""
 LEAST_SHARE = 0.05
-"""Share of rows that must be held before irregular holds are refused: below, they are harmless (a
+"""The share of rows that must be held irregularly for a refusal. A smaller share is harmless (a
 share h makes white noise look stronger by 1 + h at low frequency)."""
 _SHORTER = 0.3
-"""How much oftener rows repeat one apart than two, as a share of what random holds would make."""
+"""The least excess of repeats one row apart over repeats two rows apart, as a share of what random
+holds would make."""
 _CHANCE = 0.01
-"""How often rows may repeat by chance, where repeats are to be dropped."""
+"""The share of samples that may repeat by chance where repeats are to be dropped."""
 
 
 @dataclass(frozen=True)
 class Holds:
-    """How a log's rows (gyro x, y, z, accelerometer x, y, z) repeat."""
+    """How the rows of a log (gyro x, y, z, accelerometer x, y, z) repeat."""
 
     columns: tuple[int, ...]
-    """Rows for which each column holds a sample, regularly: 1 where it does not."""
+    """The number of rows for which each column regularly holds a sample; 1 where it does not hold
+    it"""
     gyro_share: float
-    """Share of rows at which the gyros hold their sample irregularly."""
+    """Share of rows at which the gyros hold their sample irregularly"""
     accel_share: float
+    """The same share of the accelerometers"""
     chance: float
-    """Share of samples at which all six repeat by chance."""
+    """Share of samples at which all six columns repeat by chance"""
 
     @property
     def times(self) -> int:
-        """Rows that make one whole sample of every column."""
+        """The least number of rows that holds whole samples of every column."""
         return int(np.lcm.reduce(self.columns))
 
     @property
     def irregular(self) -> bool:
+        """Whether so many rows are held irregularly that it matters."""
         return max(self.gyro_share, self.accel_share) > LEAST_SHARE
 
     @property
@@ -54,7 +61,7 @@ class Holds:
 
 
 def holds(rows: np.ndarray) -> Holds:
-    """How rows (T, 6) repeat."""
+    """Find how rows (T, 6) repeat."""
     columns = _regular(rows[1:] == rows[:-1])
     (gyro, one), (accel, two) = (
         _share(rows[:, part]) if set(columns[part]) == {1} else (0.0, 0.0)
@@ -64,7 +71,8 @@ def holds(rows: np.ndarray) -> Holds:
 
 
 def _regular(same: np.ndarray) -> tuple[int, ...]:
-    """Rows a sample, column by column; a column that hardly changes follows the others."""
+    """The number of rows for which each column holds a sample, from whether its values repeat
+    (T - 1, C). A column that hardly changes is taken like the others."""
     found = [_times(np.flatnonzero(~same[:, column])) for column in range(same.shape[1])]
     known = [times for times in found if times is not None]
     others = max(set(known), key=known.count) if known else 1
@@ -72,10 +80,11 @@ def _regular(same: np.ndarray) -> tuple[int, ...]:
 
 
 def _times(changes: np.ndarray) -> int | None:
-    """changes : (C,), where a column changes. None where that tells nothing.
+    """The number of rows for which a column holds a sample, from the rows (C,) at which it changes;
+    None where these are too few.
 
-    Runs of equal rows are whole multiples of the rows a sample, where samples may be equal by
-    chance; a few are not, where rows were lost.
+    The lengths of runs of equal values are whole multiples of that number, since samples may be
+    equal by chance, except for a few where rows were lost.
     """
     if len(changes) < FEWEST_CHANGES:
         return None
@@ -92,13 +101,13 @@ def _times(changes: np.ndarray) -> int | None:
 
 
 def _share(rows: np.ndarray) -> tuple[float, float]:
-    """Share of rows at which columns (T, 3) are held together, and the share of the other rows at
-    which all three repeat by chance.
+    """The share of rows at which the three columns (T, 3) are held together, and the share of the
+    other rows at which all three repeat by chance.
 
-    With a share h of holds, column j repeats at h + (1 - h) p_j and all at h + (1 - h) p_1 p_2 p_3:
-    block by block, since means wander among counts, and solved for h over all blocks. What moves
-    all axes slowly makes them repeat together too, but then rows two apart are as alike as rows
-    one apart.
+    With a share h of holds, column j repeats with the share h + (1 - h) p_j and all three repeat
+    with h + (1 - h) p_1 p_2 p_3. That is taken block by block, since means wander among counts, and
+    solved for h over all blocks. Slow motion of all axes makes them repeat together, too, but then
+    rows two apart are equal as often as rows one apart.
     """
     same = rows[1:] == rows[:-1]
     moving = same[:, same.mean(axis=0) < 0.999]
@@ -126,10 +135,11 @@ def _share(rows: np.ndarray) -> tuple[float, float]:
 
 
 def taken(rows: np.ndarray, found: Holds) -> np.ndarray:
-    """The samples (T // times or so, 6) that regularly held rows (T, 6) show.
+    """The samples (about T // times, 6) behind rows (T, 6) that are held regularly.
 
-    Where all columns are held alike, each sample once. Else means over as many rows as hold whole
-    samples of every column: what each column is over the same time.
+    Where all columns are held for the same number of rows, they are the sensor's samples, each
+    once. Otherwise they are means over as many rows as hold whole samples of every column, so that
+    all columns are of the same time.
     """
     times = found.times
     if set(found.columns) == {times}:
@@ -151,18 +161,21 @@ def taken(rows: np.ndarray, found: Holds) -> np.ndarray:
 
 
 def _parts(rows: np.ndarray, times: int) -> list[list[int]]:
-    """Columns that change at the same rows: all, or each for itself where axes take turns."""
+    """The columns in groups that change at the same rows, of which there are several where the
+    logger updates the axes in turn."""
     phases = [_phase(rows[:, c], times) for c in range(rows.shape[1])]
     return [[c for c in range(rows.shape[1]) if phases[c] == p] for p in dict.fromkeys(phases)]
 
 
 def _phase(values: np.ndarray, times: int) -> int:
+    """The row, modulo `times`, at which a column changes most often."""
     changes = np.flatnonzero(values[1:] != values[:-1]) + 1
     return int(np.bincount(changes % times, minlength=times).argmax()) if len(changes) else 0
 
 
 def _once_each(rows: np.ndarray, times: int) -> np.ndarray:
-    """Rows (T, C) at which a sample begins: every change, and every so many rows after it."""
+    """The rows at which samples begin in columns (T, C): at every change, and every `times` rows
+    after it."""
     changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1)) + 1
     starts = np.concatenate([[0], changes])
     runs = np.diff(np.concatenate([starts, [len(rows)]]))
@@ -172,5 +185,6 @@ def _once_each(rows: np.ndarray, times: int) -> np.ndarray:
 
 
 def dropped(rows: np.ndarray) -> np.ndarray:
-    """Which rows (T, 6) differ from the one before."""
+    """Whether each of the rows (T, 6) differs from the one before, so that it is kept when repeats
+    are dropped: (T,)."""
     return np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])

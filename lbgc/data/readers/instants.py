@@ -1,5 +1,6 @@
-"""An even clock behind a log's time stamps: its step, lost samples, long holes, and how far the
-stamps scatter. Stamps may be rounded, repeated, written in bursts, late; samples are even."""
+"""The even clock behind a log's time stamps: its step, lost samples, long holes, and the scatter of
+the stamps about it. Samples are taken as evenly spaced, while their stamps may be rounded,
+repeated, late, or written in bursts."""
 
 from dataclasses import dataclass
 
@@ -8,42 +9,44 @@ import numpy as np
 _WIDE = 64
 """Samples over which a step is averaged, so that rounding and bursts average out."""
 _NEAR = 0.3
-"""How far stamps of an exact clock may be from whole numbers of steps, as a share of a step."""
+"""The share of a step by which steps of an exact clock may differ from whole multiples of it."""
 _BACK = 2.5
-"""Samples by which time must go back for it to be more than a late stamp before it."""
+"""Samples by which time must go back before that is taken as more than a late stamp before it."""
 _VALUES_AT_ONCE = 1_000_000
+"""Values that are sorted in one go, which bounds the memory."""
 
 
 @dataclass(frozen=True)
 class Hole:
-    """Samples that are missing between two rows."""
+    """A hole in a log: samples that are missing between two rows."""
 
     row: int
-    """The last row before it, counted from zero."""
+    """The last row before the hole, counted from zero"""
     missing: int
-    """How many samples are missing; negative where time goes back."""
+    """Number of missing samples; negative where time goes back"""
 
 
 @dataclass(frozen=True)
 class Instants:
-    """What stamps say of the samples, in the stamps' own unit of time."""
+    """The even clock of a log, in the stamps' own unit of time."""
 
     step: float
-    """Time between two samples of the even clock."""
+    """Time between two samples of the even clock"""
     holes: tuple[Hole, ...]
+    """Where samples are missing"""
     repeated: int
-    """How many stamps repeat the one before."""
+    """Number of stamps that repeat the one before"""
     scatter: float
-    """Scatter of the stamps about the even clock, in steps, as a standard deviation (by their
-    median)."""
+    """Standard deviation of the stamps about the even clock, in steps (from their median)"""
 
 
 def instants(stamps: np.ndarray) -> Instants:
-    """The even clock that finite stamps (T,), T > 1, are of. A step of zero or less: none is.
+    """Find the even clock behind finite stamps (T,), T > 1. A step of zero or less means that there
+    is none.
 
-    Where almost all steps are whole multiples of their median, a hole is told by its step. Else
-    (rounded stamps, bursts, jitter) it is told by stamps that stay late after a long step: a burst
-    is late and catches up.
+    Where almost all steps are whole multiples of their median, a hole shows in its step. Otherwise
+    (rounded stamps, bursts, jitter) it shows in stamps that stay late after a long step; after a
+    burst they catch up.
     """
     steps = np.diff(stamps)
     rough, period = _rough_step(stamps)
@@ -60,7 +63,8 @@ def instants(stamps: np.ndarray) -> Instants:
 
 
 def _rough_step(stamps: np.ndarray) -> tuple[float, int]:
-    """The step to a percent or so, and over how many samples bursts or coarse stamps repeat."""
+    """The step to about a percent, and the number of samples after which bursts or coarse stamps
+    repeat their pattern (1 where there is none)."""
     wide, most = min(_WIDE, max(1, (len(stamps) - 1) // 4)), (len(stamps) - 1) // 2
     while True:
         step = float(np.median(stamps[wide:] - stamps[:-wide])) / wide
@@ -78,17 +82,19 @@ def _rough_step(stamps: np.ndarray) -> tuple[float, int]:
 
 
 def _holes_of_an_exact_clock(ratio: np.ndarray) -> tuple[Hole, ...] | None:
-    """ratio : (T - 1,), steps over their median. None where the steps are no whole multiples."""
+    """The holes of a clock whose steps are whole multiples of their median; None where they are
+    not. ratio : (T - 1,), steps over their median."""
     whole = np.round(ratio)
     exact = (np.abs(ratio - whole) < _NEAR) & (whole >= 1)
     if np.mean(exact) < 0.99:
         return None
-    # Rounded stamps of an even clock a little slower than they show: they skip one regularly.
+    # Rounded stamps of a clock that is a little slower than their median step skip one regularly,
+    # which is no hole.
     rows = np.flatnonzero(whole > 1)
     apart = np.diff(rows)
     if len(apart) > 2 and whole.max() == 2 and np.ptp(apart) <= max(2.0, 0.05 * apart.mean()):
         return ()
-    # Where a step is no whole number, it is a late stamp or a hole: the next stamps tell.
+    # A step that is no whole multiple is a late stamp or a hole, which only later stamps can tell.
     if not exact.all():
         return None
     return tuple(Hole(int(row), int(whole[row]) - 1) for row in rows)
@@ -97,6 +103,8 @@ def _holes_of_an_exact_clock(ratio: np.ndarray) -> tuple[Hole, ...] | None:
 def _holes_of_a_rough_clock(
     stamps: np.ndarray, steps: np.ndarray, step: float, period: int
 ) -> tuple[Hole, ...]:
+    """The holes of a clock with rounded stamps, bursts or jitter: places where the stamps after a
+    long step stay late compared with those before it. step, period : as `_rough_step` gives."""
     size = period * max(1, round(_WIDE / 2 / period))
     size = size if 2 * size < len(stamps) else len(stamps) // 2
     rows = np.flatnonzero((steps > 1.5 * step) | (steps < -0.5 * step))
@@ -118,8 +126,8 @@ def _holes_of_a_rough_clock(
 
 
 def _level(late: np.ndarray, first: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of the middle half of so many values, beginning at each of the rows, and the half's
-    width: single stamps do not matter to it, and rounded ones average out."""
+    """For `size` values from each of the rows `first` on, the mean of their middle half and that
+    half's width. Single stamps do not affect it, and rounded ones average out."""
     start = np.clip(first, 0, len(late) - size)
     ordered = np.sort(late[start[:, None] + np.arange(size)], axis=1)
     middle = ordered[:, size // 4 : max(size // 4 + 1, size - size // 4)]
@@ -127,13 +135,14 @@ def _level(late: np.ndarray, first: np.ndarray, size: int) -> tuple[np.ndarray, 
 
 
 def _end_of_run(compressed: np.ndarray) -> np.ndarray:
-    """For each row (T - 1,) the first one from it on whose step is not compressed."""
+    """For each row (T - 1,), the first row from it on whose step is not compressed."""
     index = np.where(compressed, len(compressed), np.arange(len(compressed)))
     return np.asarray(np.minimum.accumulate(index[::-1])[::-1])
 
 
 def _once(found: list[Hole], size: int) -> tuple[Hole, ...]:
-    """Long steps close by one another see the same hole: the largest keeps it."""
+    """The holes with only the largest kept of those within `size` rows, since long steps close to
+    each other show the same hole."""
     kept: list[Hole] = []
     for hole in found:
         if kept and hole.row - kept[-1].row <= size:
@@ -145,8 +154,8 @@ def _once(found: list[Hole], size: int) -> tuple[Hole, ...]:
 
 
 def _line(stamps: np.ndarray, holes: tuple[Hole, ...]) -> tuple[float, float]:
-    """The step by least squares over every stretch between long holes, each with its own start,
-    single stamps that are far off left out; and the scatter that is left, in steps."""
+    """The step by least squares over all stretches between long holes, each with its own start and
+    without single stamps that are far off; and the scatter of the stamps, in steps."""
     k = np.arange(len(stamps), dtype=float)
     counted = k.copy()
     long = [hole for hole in holes if hole.missing < 0 or hole.missing > 10]
@@ -167,5 +176,6 @@ def _line(stamps: np.ndarray, holes: tuple[Hole, ...]) -> tuple[float, float]:
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    """The least-squares slope of a line through the origin; 0 where x is all zero."""
     square = float(x @ x)
     return float(x @ y) / square if square else 0.0

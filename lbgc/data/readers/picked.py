@@ -1,4 +1,4 @@
-"""Which of a sheet's columns are the gyros, the accelerometers and the time, and in which units."""
+"""The choice of a sheet's columns for gyros, accelerometers and time, and their units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,29 +12,35 @@ from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.errors import InputError, require
 
 NONE = "none"
-"""The time column that is not to be used."""
+"""The value of `time_column` with which no time column is used."""
 
 
 @dataclass(frozen=True)
 class Picked:
-    """The columns that are read, by position."""
+    """The columns that are read, by position counted from zero, and their units."""
 
     gyro: tuple[int, ...]
+    """The gyros' columns, x, y and z"""
     accel: tuple[int, ...]
+    """The accelerometers' columns, x, y and z"""
     time: tuple[int, ...]
-    """One, or whole seconds and nanoseconds; empty where there is none."""
+    """The time column, or the two of whole seconds and nanoseconds; empty where there is none"""
     gyro_unit: str | None
-    """Unit that the columns' names say, or the row beneath them; None where they do not."""
+    """The gyros' unit by the columns' names or the row beneath them; None where they do not state
+    one"""
     accel_unit: str | None
+    """The accelerometers' unit, likewise"""
     time_unit: str | None
+    """The time's unit, likewise"""
     time_is_said: bool
-    """Whether the user named the time's column."""
+    """Whether the user named the time column"""
     time_name: str = ""
+    """The time column's name in messages"""
 
 
 def picked(sheet: Sheet, config: LogConfig) -> Picked:
-    """The columns to read, by the names or positions that the configuration gives, or else by what
-    names say. Raises InputError."""
+    """Choose the columns to read, by the names or positions in the configuration, or else by the
+    meaning of the columns' names. Raises InputError where a column is missing or ambiguous."""
     says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
     six = _six(sheet, config, says)
     time = _time(sheet, config, says)
@@ -55,12 +61,13 @@ def picked(sheet: Sheet, config: LogConfig) -> Picked:
 
 
 def named(sheet: Sheet, key: str, names: Sequence[object]) -> list[int]:
-    """Positions (from zero) of columns by name, or by position counted from one. Raises InputError
-    where one is missing or stands there twice."""
+    """The positions, counted from zero, of columns that are given by name, or by position counted
+    from one. Raises InputError where a column is missing, or has a name that occurs twice."""
     return [_position(sheet, key, name) for name in names]
 
 
 def _position(sheet: Sheet, key: str, name: object) -> int:
+    """The position of one column, as `named` gives it."""
     found = [at for at, own in enumerate(sheet.names) if own == name]
     if not found:
         found = [at for at, own in enumerate(sheet.names) if _bare(own) == name]
@@ -76,17 +83,19 @@ def _position(sheet: Sheet, key: str, name: object) -> int:
 
 
 def _bare(name: str) -> str:
-    """A name without a unit in brackets."""
+    """A column's name without a unit in brackets."""
     for bracket in "([":
         name = name.split(bracket)[0] or name
     return name.strip()
 
 
 def _is_position(name: object) -> bool:
+    """Whether a column is given by its position."""
     return isinstance(name, int) or (isinstance(name, str) and name.isdigit())
 
 
 def _has(sheet: Sheet) -> str:
+    """The clause of a message that lists the columns of a sheet."""
     if not sheet.has_header:
         return f"it has no header, and {sheet.width} columns: {_by_position(sheet)}"
     names = [shown(name) if name else "(unnamed)" for name in sheet.names[:40]]
@@ -95,6 +104,7 @@ def _has(sheet: Sheet) -> str:
 
 
 def _by_position(sheet: Sheet) -> str:
+    """The clause of a message that says how columns are given by position."""
     first = 2 if sheet.width > 6 else 1
     example = ",".join(str(at) for at in range(first, first + 6))
     time = " log.time_column=1" if first == 2 else ""
@@ -105,6 +115,7 @@ def _by_position(sheet: Sheet) -> str:
 
 
 def _six(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> list[int]:
+    """The positions of the six sensor columns, gyros first."""
     if config.columns is not None:
         return named(sheet, "log.columns", config.columns)
     six = []
@@ -123,6 +134,7 @@ def _six(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> list[int
 def _described(
     sheet: Sheet, key: str, name: str, kind: str, axis: str, says: Sequence[Described]
 ) -> int:
+    """The position of the one column whose name means this sensor (gyro or accel) and axis."""
     found = [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
     if len(found) == 1:
         return found[0]
@@ -136,6 +148,7 @@ def _described(
 
 
 def _time(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> tuple[int, ...]:
+    """The positions of the time column or columns; empty where there is none."""
     given = config.time_column
     if given == NONE:
         return ()
@@ -159,5 +172,6 @@ def _time(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> tuple[i
 def _common_unit(
     says: Sequence[Described | None], units: Sequence[str] | dict[str, Any]
 ) -> str | None:
+    """The unit that all three columns' names state; None where they do not agree on one."""
     found = {own.unit for own in says if own is not None and own.unit in units}
     return found.pop() if len(found) == 1 and None not in says else None

@@ -1,4 +1,4 @@
-"""What log files say, as they print it: three readers, one answer."""
+"""The content of log files before units and axes are converted: three readers, one result."""
 
 import os
 import re
@@ -17,33 +17,41 @@ from lbgc.data.readers.timing import stamps_of
 from lbgc.errors import InputError, reading, require
 
 _NONSENSE = 1e30
+"""Absolute value from which on a number is refused."""
 _MS, _G, _SCALES = (1e-3, 1e6), (1.0, 100.0), (1e-9, 1e9)
 """Bounds of a PSINS header's interval (ms), g (m/s^2), and arcsec or ug s a count."""
 _HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
+"""A heading in degrees at the end of a file's name, such as `x_40`."""
 
 
 @dataclass(frozen=True)
 class Raw:
-    """What a file says: the sensor's own axes, in the configuration's units."""
+    """One recording as its file has it: along the sensor's own axes, in the configuration's
+    units."""
 
     name: str
+    """The recording's name in messages"""
     gyro: np.ndarray
     """(T, 3), as printed"""
     accel: np.ndarray
     """(T, 3), as printed"""
     config: LogConfig
-    """The configuration, with what the file's header or name added."""
+    """The configuration, completed by the file's header or name."""
     stamps: np.ndarray | None = None
-    """(T,), in a unit that `said` may know; int64 where exact."""
+    """(T,), time stamps, in a unit that `said` may state; int64 where exact."""
     said: Said = field(default_factory=lambda: Said("auto"))
+    """What is stated of the clock"""
     time_is_said: bool = False
-    """Whether the user named the time's column."""
+    """Whether the user named the time column."""
     gravity: float | None = None
-    """m/s^2: the unit g as this file means it."""
+    """The value of g that this file's units use, m/s^2; None where it states none."""
     notes: tuple[str, ...] = ()
+    """What was noticed while reading, plain sentences"""
 
 
 def find(path: str) -> Path:
+    """The place of a log: the path itself or, for a relative path that is not there, the path under
+    $LBGC_REAL_LOGS. Raises InputError where it is in neither."""
     with reading("log.path", path):
         places = [Path(path).expanduser()]
         if "LBGC_REAL_LOGS" in os.environ and not places[0].is_absolute():
@@ -62,18 +70,20 @@ def find(path: str) -> Path:
 
 
 def only_file(path: Path, named: str | Path) -> Path:
-    """Return the path; raise InputError unless it is a plain file: a device or a pipe may have no
-    end."""
+    """The path, if it is that of a plain file. Raises InputError otherwise, since a device or a
+    pipe may have no end. named : the path as the message shows it."""
     require(path.is_file(), "log.path", named, "is no file")
     return path
 
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
+    """The reader `table`: the one recording of a CSV or Parquet file with named columns."""
     yield _from_sheet(sheet(only_file(path, config.path)), path.stem, config)
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
-    """The published layout: one CSV a recording, the heading in whole degrees in its name."""
+    """The reader `recordings`, for the published layout: one CSV file a recording, with the heading
+    in whole degrees at the end of its name."""
     files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
     require(bool(files), "log.path", path, "holds no CSV files")
     for file in files:
@@ -89,6 +99,7 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
 
 
 def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
+    """The recording in a sheet of named columns."""
     which = picked(own, config)
     values, notes = own.columns([*which.gyro, *which.accel, *which.time])
     key = "log.columns" if config.columns is not None else None
@@ -125,7 +136,7 @@ def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
 
 
 def _numbers(own: Sheet, key: str, at: int, values: np.ndarray) -> np.ndarray:
-    """A column as float64. Raises InputError where it holds something else."""
+    """A column's values as float64. Raises InputError where they are not numbers."""
     if values.dtype.kind in "fi":
         return values.astype(np.float64)
     held = "dates" if values.dtype.kind in "mM" else "string"
@@ -134,8 +145,8 @@ def _numbers(own: Sheet, key: str, at: int, values: np.ndarray) -> np.ndarray:
 
 
 def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
-    """Units that the columns' names say, where the user left them to it. Raises InputError where
-    the two contradict one another."""
+    """The configuration with the units that the columns' names state, where it says auto. Raises
+    InputError where the configuration and the names contradict each other."""
     units = {"gyro_unit": config.gyro_unit, "accel_unit": config.accel_unit}
     for key, says, scale in (
         ("gyro_unit", which.gyro_unit, config.gyro_scale),
@@ -154,8 +165,9 @@ def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
 
 
 def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
-    """These columns of a text or Parquet file, and those of the optional ones that it has: finite
-    float (rows, columns). Raises InputError."""
+    """Read named columns of a text or Parquet file, and those of the optional ones that it has:
+    (rows, columns), float64, all finite. Raises InputError where the file or a column cannot be
+    read."""
     own = sheet(only_file(find(path), path), "file")
     which = [*names, *(name for name in optional if name in own.names)]
     places = named(own, "columns", which)
@@ -167,18 +179,19 @@ def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np
 
 
 def _psins(path: Path, config: LogConfig) -> Iterator[Raw]:
-    """PSINS: comments, three header rows of six, then integer increments.
+    """The reader `psins`, for PSINS files: comments, three header rows of six numbers, and then
+    integer increments.
 
-    Rows: attitude (deg; yaw counter-clockwise) and velocity; latitude, longitude (deg), height,
-    t0, interval (ms), g (m/s^2); arcsec and ug s a count, an axis.
+    The header rows are: attitude (deg; yaw counter-clockwise) and velocity; latitude, longitude
+    (deg), height, t0, interval (ms), g (m/s^2); and for each axis arcsec and ug s a count.
     """
-    # Opened here: given a path, NumPy unpacks what it ends in.
+    # The file is opened here, because NumPy decompresses by the ending of a path.
     with (
         reading("log.path", path, "is no PSINS file"),
         only_file(path, path).open() as file,
         warnings.catch_warnings(),
     ):
-        warnings.simplefilter("error")  # that there is nothing in it
+        warnings.simplefilter("error")  # NumPy only warns of an empty file
         rows = np.loadtxt(file, comments="%", ndmin=2)
     require(
         rows.shape[0] > 3 and rows.shape[1] == 6,
@@ -218,7 +231,8 @@ READERS: dict[str, Callable[[Path, LogConfig], Iterator[Raw]]] = {
 
 
 def require_finite(name: str, values: np.ndarray, columns: Sequence[str]) -> None:
-    """values : (rows, columns). So large ones are refused that no sum of them can overflow."""
+    """Raise InputError unless all values (rows, columns) are finite and below 1e30, so that no sum
+    of them can overflow."""
     bad = np.argwhere(~(np.abs(values) < _NONSENSE))
     if len(bad):
         row, column = bad[0]

@@ -1,4 +1,4 @@
-"""What is done about rows that are printed more than once."""
+"""Treatment of rows that a log prints more than once."""
 
 from dataclasses import replace
 
@@ -9,13 +9,14 @@ from lbgc.data.readers.raw import Raw
 from lbgc.errors import InputError
 
 _MOST_ROWS = 200
-"""Most rows that are averaged where columns are held for different numbers of rows."""
+"""Rows that are averaged, at most, where columns are held for different numbers of rows."""
 _ALWAYS = 0.99
-"""Share of repeated stamps whose rows repeat too, for these to be no samples."""
+"""The share of repeated stamps whose rows must repeat, too, for these rows to be no samples."""
 
 
 def without_printed_twice(raw: Raw) -> Raw:
-    """The log less rows that are, their time stamps included, the ones before them; with a note."""
+    """The log without rows that equal the row before them, time stamp included, and with a note of
+    how many were left out."""
     if raw.stamps is None or raw.config.repeats == "keep":
         return raw
     again = raw.stamps[1:] == raw.stamps[:-1]
@@ -35,10 +36,11 @@ def without_printed_twice(raw: Raw) -> Raw:
 def sampled(
     name: str, rows: np.ndarray, rate_hz: float, repeats: str
 ) -> tuple[np.ndarray, float, list[str]]:
-    """The sensor's own samples (N, 6) behind rows (T, 6), their rate, and what was done.
+    """The sensor's own samples (N, 6) behind rows (T, 6), their rate, Hz, and notes of what was
+    done.
 
-    repeats : auto, drop or keep. Raises InputError where rows are held irregularly and nothing was
-    said of it.
+    rate_hz : of the rows; repeats : auto, drop or keep. Raises InputError where rows are held
+    irregularly and `repeats` is auto, or where they cannot be dropped.
     """
     if repeats == "keep":
         return rows, rate_hz, []
@@ -68,12 +70,14 @@ def sampled(
 
 
 def _samples_a_row(samples: int, rows: int, times: int) -> float:
-    """One in so many, or fewer where some are held for a row more; not more where rows are lost."""
+    """The number of samples in a row: 1/times, or less where some samples are held for a row more.
+    It does not become more where rows are lost."""
     fewer = samples * times < rows - 2 * times
     return samples / rows if fewer else 1 / times
 
 
 def _held(found: Holds) -> str:
+    """The clause of a message that says for how many rows samples are held."""
     own = sorted(set(found.columns))
     if len(own) == 1:
         return f"each row is printed {own[0]} times"
@@ -84,6 +88,7 @@ def _held(found: Holds) -> str:
 
 
 def _refuse(name: str, found: Holds) -> None:
+    """Raise the InputError for rows that are held irregularly."""
     gyro, accel = found.gyro_share, found.accel_share
     about = (
         f"of {name} repeat the values of the row before (gyros {gyro:.0%}, accelerometers "

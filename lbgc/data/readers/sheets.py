@@ -1,6 +1,6 @@
-"""Text files of numbers, however their rows are laid out: a sheet of named columns.
+"""Text and Parquet files of numbers as sheets of named columns, whatever the layout of their rows.
 
-Nothing in a file is evaluated. Rows that do not fit are refused by their line's number.
+Nothing in a file is evaluated. Rows that do not fit are refused, with the number of their line.
 """
 
 import codecs
@@ -28,49 +28,58 @@ from lbgc.errors import InputError, reading, require
 _LARGEST = 4 * 2**30
 """Size of the largest file that is read, bytes."""
 _HEAD = 4 * 2**20
+"""Bytes at a file's start in which its layout is looked for."""
 _SHOWN = 60
+"""Characters of a file's text that a message shows, at most."""
 _MARKS = (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (
     codecs.BOM_UTF16_BE, "utf-16")  # fmt: skip
 _SINGLE_QUOTES = re.compile(rb"^'", re.M)
 
 
 def shown(text: object) -> str:
-    """A file's own words as they may stand in a message: short, and harmless to a terminal."""
+    """Text from a file in a form for messages: short, and without characters that could control a
+    terminal."""
     plain = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in str(text)[: 2 * _SHOWN])
     return plain if len(plain) <= _SHOWN else plain[: _SHOWN - 3] + "..."
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A file's columns, read when asked for."""
+    """The columns of a file, whose values are read when they are asked for."""
 
     file: str
+    """The file's name in messages"""
     names: tuple[str, ...]
-    """Empty where the file has no header, or a column no name."""
+    """The columns' names; an empty text where the file has no header, or a column no name"""
     units: tuple[str, ...]
-    """The units of a row beneath the header; empty where there is none."""
+    """The units in a row beneath the header; empty where there is none"""
     rate_hz: float | None
-    """Rate that comments and preamble state."""
+    """Sample rate that comments and preamble state, Hz"""
     source: "tables.Table | _Text"
+    """The file's content"""
 
     @property
     def width(self) -> int:
+        """The number of columns."""
         return len(self.names)
 
     @property
     def has_header(self) -> bool:
+        """Whether any column has a name."""
         return any(self.names)
 
     def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
-        """Columns by position, each (T,): float64, int64 where all are whole numbers of more than
-        nine digits (stamps), or datetime64; or text where they are neither. And notes."""
+        """Read columns by position, each (T,): float64, int64 where they are whole numbers of more
+        than nine digits (stamps), or datetime64; text where they are none of these. With notes of
+        what was left out."""
         if isinstance(self.source, _Text):
             return self.source.columns(which)
         return [tables.column(self.source, at) for at in which], []
 
 
 def sheet(path: Path, key: str = "log.path") -> Sheet:
-    """A Parquet or text file's sheet. Raises InputError, naming the file by `key`."""
+    """Read the sheet of a Parquet or text file. Raises InputError, naming the file by `key`, where
+    that cannot be done."""
     if path.suffix.lower() in (".parquet", ".pq"):
         table = tables.read_parquet(path, key)
         return Sheet(path.stem, tuple(map(str, table.column_names)), (), None, table)
@@ -91,7 +100,8 @@ def sheet(path: Path, key: str = "log.path") -> Sheet:
 
 
 def _utf8(content: bytes, key: str, path: Path) -> bytes:
-    """The text as UTF-8 with plain line ends, whatever it was in."""
+    """A file's content as UTF-8 text with line feeds at line ends, whatever its encoding. Raises
+    InputError where it is no text."""
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     if encoding is None and content[:4000].count(b"\0") > len(content[:4000]) // 4:
         odd = content[1:4000:2].count(b"\0") > content[:4000:2].count(b"\0")
@@ -113,12 +123,18 @@ def _utf8(content: bytes, key: str, path: Path) -> bytes:
 
 @dataclass(frozen=True)
 class _Text:
+    """A text file's content, and how its columns are parsed."""
+
     content: bytes
-    """The file as UTF-8, with plain line ends."""
+    """The file as UTF-8, with line feeds at line ends"""
     layout: Dialect
+    """The layout of its rows"""
     file: str
+    """The file's name in messages"""
 
     def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
+        """The columns as `Sheet.columns` gives them: by the fast parser, without a last line that
+        was cut short if need be, or else line by line."""
         body, notes = self._body(), self._skipped()
         kinds = {at: self._kind(at) for at in which}
         read = self._read(body, kinds)
@@ -134,6 +150,7 @@ class _Text:
         return read, notes
 
     def _skipped(self) -> list[str]:
+        """Notes of the lines before the rows that were left out."""
         return [
             f"first lines: number {at + 1} of {self.file} ({shown(line)}) is no row of "
             f"{self.layout.width} and was left out"
@@ -141,6 +158,7 @@ class _Text:
         ]
 
     def _kind(self, at: int) -> str:
+        """The kind of a column by the first row: number, stamp or text."""
         field = self.layout.numbers[at] if at < len(self.layout.numbers) else ""
         if field.lstrip("+-").isdigit() and len(field) > 9:
             return "stamp"
@@ -148,7 +166,7 @@ class _Text:
         return "number" if is_value else "text"
 
     def _body(self) -> bytes:
-        """The rows alone, separated by one character each."""
+        """The rows alone, without comments, and with fields separated by one character."""
         at = 0
         for _ in range(self.layout.first):
             at = self.content.index(b"\n", at) + 1
@@ -163,19 +181,19 @@ class _Text:
         return body
 
     def _read(self, body: bytes, kinds: dict[int, str]) -> list[np.ndarray] | None:
-        """None where some row or number does not fit."""
+        """The columns by the fast parser; None where some row or number does not fit."""
         own = self.layout
         return tables.parsed(body, own.separator, own.decimal, own.width, kinds)
 
     def _lines(self) -> list[tuple[int, str]]:
-        """Rows and their lines' numbers, counted from one."""
+        """The lines of rows, each with its number counted from one."""
         lines = self.content.decode("utf-8", "replace").split("\n")[self.layout.first :]
         return [(at + self.layout.first + 1, line) for at, line in enumerate(lines)
                 if line.strip() and not is_comment(line, self.layout.separator)]  # fmt: skip
 
     def _mended(self, body: bytes) -> tuple[bytes, list[str]]:
-        """The body less a last line that was cut short. Raises InputError at any other row that has
-        not as many fields as the first."""
+        """The body without a last line that was cut short, and a note of that. Raises InputError at
+        any other row whose number of fields differs from the first row's."""
         rows = self._lines()
         for at, (number, line) in enumerate(rows):
             found = len(fields(line, self.layout.separator))
@@ -197,7 +215,8 @@ class _Text:
         return body, []
 
     def _one_by_one(self, kinds: dict[int, str]) -> list[np.ndarray]:
-        """Numbers that the fast parser does not know, such as +1.5; and who is no number."""
+        """The columns parsed line by line, for numbers that the fast parser does not accept, such
+        as +1.5. Raises InputError at a field that is not a number."""
         values: list[list[Any]] = [[] for _ in kinds]
         decimal = self.layout.decimal
         for number, line in self._lines():
@@ -219,3 +238,4 @@ class _Text:
 
 
 _EMPTY = {"", "nan", "na", "n/a", "null", "-nan", "#n/a"}
+"""Words that stand for a missing number."""

@@ -16,11 +16,13 @@ _INTERVAL = re.compile(
 )
 _OF_FILTERS = re.compile(r"filter|bandwidth|cut-?off|baud|lpf|notch", re.I)
 _LONGEST = 500
+"""Characters of a line that are looked at."""
 _INTERVAL_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 
 def stated_rate(lines: Iterable[str]) -> float | None:
-    """Hz; None where nothing is stated, or not the same twice."""
+    """The sample rate that lines of comments state, Hz; None where they state none, or several that
+    differ."""
     found = set()
     for line in lines:
         text = line[:_LONGEST]
@@ -37,4 +39,5 @@ def stated_rate(lines: Iterable[str]) -> float | None:
 
 
 def _value(text: str) -> float:
+    """A number with a decimal point or comma."""
     return float(text.replace(",", "."))

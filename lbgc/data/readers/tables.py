@@ -1,4 +1,5 @@
-"""Parquet files, and rows of text whose layout is known: columns of numbers. Arrow's only room."""
+"""Columns of numbers from Parquet files, and from text whose layout is known. Arrow is used in this
+file only."""
 
 from pathlib import Path
 from typing import TypeAlias
@@ -16,18 +17,21 @@ _KINDS = {"number": pa.float64(), "stamp": pa.int64()}
 
 
 def read_parquet(path: Path, key: str) -> Table:
-    """The whole file. Raises InputError, naming it by `key`."""
+    """Read a whole Parquet file. Raises InputError, naming it by `key`, where it cannot be read."""
     with reading(key, path), pa.OSFile(str(path)) as file:
         table = pa.parquet.ParquetFile(file).read()
-        _ = table.column_names  # decoded only now
+        _ = table.column_names  # names are decoded here, where a failure is reported
         return table
 
 
 def parsed(
     body: bytes, separator: str, decimal: str, width: int, kinds: dict[int, str]
 ) -> list[np.ndarray] | None:
-    """Columns of rows of text, by position; kinds : number, stamp (int64), or text, which may turn
-    out to be a date. None where the rows do not fit."""
+    """Parse columns of text rows that have `width` fields each.
+
+    kinds : of the columns to read, by position: number, stamp (int64), or text, which may turn out
+    to be a date. Returns an array for each, or None where some row does not fit.
+    """
     names = [str(at) for at in range(width)]
     types = {str(at): _KINDS[kind] for at, kind in kinds.items() if kind in _KINDS}
     try:
@@ -47,12 +51,14 @@ def parsed(
 
 
 def column(table: Table, at: int) -> np.ndarray:
-    """A column by its position: float64, int64, datetime64, or text where it is no number."""
+    """A column by its position: float64, int64, datetime64 or timedelta64, or text where it holds
+    no numbers."""
     with reading("log.path", table.column_names[at]):
         return _array(table.column(at))
 
 
 def _array(values: pa.ChunkedArray) -> np.ndarray:
+    """An Arrow column as a NumPy array; times of day become timedelta64."""
     kind = values.type
     if pa.types.is_timestamp(kind):
         return np.asarray(values.cast(pa.timestamp("ns")).to_numpy())

@@ -1,4 +1,4 @@
-"""When a log's rows were sampled: its rate, its pieces, and what is said of both."""
+"""The sampling of a log by its time stamps: its rate, its evenly sampled pieces, and notes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,27 +12,33 @@ from lbgc.data.readers.instants import Hole, Instants, instants
 from lbgc.errors import InputError, require
 
 _SHORT = 10
-"""Samples that may be missing at a place, and the share of all, for a log to be read on."""
+"""Samples that may be missing in one place without the log being refused."""
 _FEW = 0.01
+"""The share of all samples that may be missing in such places."""
 _SHARE = 0.1
-"""Share of the longest piece that a piece must last to be a recording of its own."""
+"""The least length of a piece that becomes a recording, as a share of the longest piece."""
 _AGREE = 0.01
+"""The relative difference up to which a stated rate and that of the stamps agree."""
 _SCATTER = 0.1
-"""Share of a step: stamps that scatter by more are told of."""
+"""Scatter of stamps, as a share of a step, from which on there is a note of it."""
 
 
 @dataclass(frozen=True)
 class EvenPieces:
-    """Evenly sampled pieces of a log."""
+    """The pieces of a log that are evenly sampled."""
 
     rate_hz: float
+    """Samples a second"""
     pieces: tuple[slice, ...]
+    """The rows of each piece"""
     notes: tuple[str, ...] = ()
+    """What was assumed of the clock, plain sentences"""
 
 
 def stamps_of(name: str, columns: Sequence[np.ndarray]) -> np.ndarray:
-    """One column of stamps, or whole seconds and nanoseconds, as one array: int64 where it is
-    exact, float64 else; dates in nanoseconds. Raises InputError for text that is no date."""
+    """One column of stamps, or two of whole seconds and nanoseconds, as one array (T,): int64 where
+    it is exact, float64 otherwise; dates in nanoseconds. Raises InputError for text that is no
+    date. name : of the column, for messages."""
     if len(columns) == 2:
         seconds, rest = columns
         exact = all(np.all(np.mod(np.asarray(c, float), 1) == 0) for c in columns)
@@ -56,10 +62,11 @@ def stamps_of(name: str, columns: Sequence[np.ndarray]) -> np.ndarray:
 def timing(
     name: str, stamps: np.ndarray, said: Said, stated_hz: float | None, gaps: str
 ) -> EvenPieces:
-    """The rate and pieces of rows with these stamps, (T,), T > 1.
+    """The rate and the pieces of a log with these time stamps, (T,), T > 1.
 
-    stated_hz : what the user says the rate is; gaps : refuse, join, longest or split. Raises
-    InputError where the clock makes no sense.
+    name : the log's name, for messages; said : what is stated of the clock; stated_hz : the rate
+    that the user states, Hz; gaps : refuse, join, longest or split. Raises InputError where the
+    clock is not plausible, contradicts the stated rate, or has gaps that are refused.
     """
     relative, wraps = since_first(stamps)
     found = instants(relative)
@@ -77,7 +84,7 @@ def timing(
     seconds = TIME_UNITS[unit]
     rate = 1 / (found.step * seconds)
     pieces, more = _pieces(name, relative * seconds, found, rate, gaps)
-    notes += more + _of_stamps(name, found, rate)
+    notes += more + _stamp_notes(name, found, rate)
     if stated_hz is None:
         return EvenPieces(rate, pieces, tuple(notes))
     agrees = abs(rate / stated_hz - 1) < _AGREE
@@ -86,7 +93,8 @@ def timing(
     return EvenPieces(stated_hz, pieces, tuple(notes))
 
 
-def _of_stamps(name: str, found: Instants, rate: float) -> list[str]:
+def _stamp_notes(name: str, found: Instants, rate: float) -> list[str]:
+    """Notes of stamps that repeat, or that scatter about the even clock."""
     notes = []
     if found.repeated:
         notes.append(
@@ -104,8 +112,8 @@ def _of_stamps(name: str, found: Instants, rate: float) -> list[str]:
 def _pieces(
     name: str, seconds: np.ndarray, found: Instants, rate: float, gaps: str
 ) -> tuple[tuple[slice, ...], list[str]]:
-    """The log's pieces, by what the user says of gaps, and notes; short holes alone are never cut
-    at."""
+    """The log's pieces, as the choice for gaps has them, and notes. The log is not cut at short
+    holes."""
     n = len(seconds)
     long = [hole for hole in found.holes if not 0 < hole.missing <= _SHORT]
     short = [hole for hole in found.holes if 0 < hole.missing <= _SHORT]
@@ -154,6 +162,7 @@ def _pieces(
 
 
 def _refuse(name: str, seconds: np.ndarray, long: list[Hole], rate: float) -> None:
+    """Raise the InputError for the first of a log's long holes. seconds : (T,), the stamps, s."""
     row = long[0].row
     options = (
         "log.gaps=longest reads the longest piece, split each as a recording, join all as if "

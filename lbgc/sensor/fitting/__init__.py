@@ -1,1 +1,1 @@
-"""From a resting recording to its noise: which terms, how large, and how surely."""
+"""The fit of a noise model to a resting recording: its terms, their sizes, and their intervals."""

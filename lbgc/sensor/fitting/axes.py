@@ -1,4 +1,4 @@
-"""All axes of a recording fitted side by side, each in a process of its own."""
+"""The noise fit of all axes of a recording, side by side in processes of their own."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -15,12 +15,14 @@ from lbgc.sensor.fitting import resting_axis
 from lbgc.sensor.fitting.noise_fit import Fit
 
 Name: TypeAlias = tuple[str, int]
-"""gyro or accel, and which axis"""
+"""An axis: gyro or accel, and the axis's number"""
 Say: TypeAlias = Callable[[Name, str], None]
+"""Is told, for an axis, what is being tried"""
 SMALL = 2_000_000
-"""Samples of all axes below which starting processes costs more than it saves."""
+"""Number of samples, of all axes, below which starting processes costs more than it saves."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_said: Any = None  # a worker's end of the queue of what is being tried
+_messages: Any = None
+"""In a worker, the queue to which it writes what is being tried."""
 
 
 def fitted(
@@ -30,11 +32,12 @@ def fitted(
     processes: int | None = None,
     say: Say = lambda name, what: None,
 ) -> Iterator[tuple[Name, Fit]]:
-    """Fit each series; yields each as it is done, in any order.
+    """Fit each axis's series; yields each fit when it is done, in any order.
 
-    series : (R, n) each, unit; dt : s; processes : how many side by side, None for one a core (and
-    none beside this one where the series are short); say(name, what) is told what is being tried.
-    No number depends on how many there are.
+    series : (R, n) each, unit; dt : s; corners : s, of the bias instability's floor; processes :
+    how many work side by side, None for one a core (and for this process alone where the series are
+    short); say(name, what) is told what is being tried. No result depends on the number of
+    processes.
     """
     small = sum(one.size for one in series.values()) < SMALL
     workers = processes or (1 if small else cores.count())
@@ -54,6 +57,7 @@ def fitted(
 
 
 def _finished(begun: dict[Future[Fit], Name], said: Any, say: Say) -> Iterator[tuple[Name, Fit]]:
+    """The fits as they are done, with the workers' messages passed on to `say` meanwhile."""
     left = set(begun)
     while left:
         done, left = wait(left, timeout=0.5, return_when=FIRST_COMPLETED)
@@ -69,22 +73,26 @@ def _finished(begun: dict[Future[Fit], Name], said: Any, say: Say) -> Iterator[t
 def _fit(
     series: np.ndarray, dt: float, corners: tuple[float, float], say: Callable[[str], None]
 ) -> Fit:
+    """Fit one axis in this process."""
     return resting_axis.fitted(series, dt, corners, say)
 
 
 def _task(name: Name, series: np.ndarray, dt: float, corners: tuple[float, float]) -> Fit:
-    return _fit(series, dt, corners, lambda what: _said.put((name, what)))
+    """Fit one axis in a worker."""
+    return _fit(series, dt, corners, lambda what: _messages.put((name, what)))
 
 
 def _start(said: Any) -> None:
-    global _said
-    _said = said
+    """Give a new worker the queue of messages."""
+    global _messages
+    _messages = said
 
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Processes started meanwhile keep their linear algebra to one thread: side by side, threads
-    that wait for each other by spinning take the cores from those that work."""
+    """A context in which processes that are started do their linear algebra with one thread each:
+    side by side, threads that wait for each other by spinning take the cores from those that
+    work."""
     before = {key: os.environ.get(key) for key in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:

@@ -1,12 +1,14 @@
-"""How large a sensor's bias is, as far as the mean of one resting recording tells.
+"""The size of a sensor's bias (1 sigma of an axis), as far as the mean of one resting recording
+tells it.
 
-Earth's rate and gravity are known; what a mean differs from them by is bias. The gyros' vertical
-one shows itself fully. Of the horizontal two the mean shows how far they carry its horizontal part
-off a circle of radius Omega cos(latitude), and where the heading is known, both. The
-accelerometers' tilt the level with them, so that only the force's size tells.
+Earth's rate and gravity are known, and the mean's difference from them is bias. The vertical gyro's
+bias shows fully. Of the two horizontal biases the mean shows only how far they move the horizontal
+rate off a circle of radius Omega cos(latitude), unless the heading is known, which shows both. The
+accelerometers' horizontal biases tilt the level that is found from them, so only the size of the
+force tells.
 
-Three figures (or one) are few to tell a standard deviation from: its posterior under a prior flat
-in its logarithm is given by its median and 95% interval.
+A standard deviation is told poorly by three figures, or by one. So its posterior, under a prior
+that is flat in its logarithm, is given by its median and 95% interval.
 """
 
 from collections.abc import Callable
@@ -20,21 +22,26 @@ from lbgc.frames import euler_to_matrix
 from lbgc.sensor import gaussian
 
 _HEIGHT_UNKNOWN = 1.5e-3
-"""m/s^2, what 500 m of unknown height make of gravity."""
+"""The change of gravity with 500 m of unknown height, m/s^2."""
 _GRID = 4000
+"""Sizes at which the posterior is evaluated."""
 
 
 @dataclass(frozen=True)
 class BiasSize:
-    """1 sigma of each axis's bias, SI: posterior median and 95% interval."""
+    """The standard deviation of each axis's bias, SI: its posterior median and 95% interval."""
 
     value: float
+    """Posterior median"""
     low: float
+    """Lower end of the 95% interval"""
     high: float
+    """Upper end of the 95% interval"""
 
 
 def mean_error(terms: gaussian.Gaussians, seconds: float) -> float:
-    """Standard deviation of a mean over so many seconds by these noise terms, in their unit."""
+    """Standard deviation that these noise terms give to a mean over `seconds` from the recording's
+    start, in their unit."""
     if not terms:
         return 0.0
     return float(np.sqrt(gaussian.covariance_of_means(terms, 1, seconds)[0, 0]))
@@ -47,8 +54,11 @@ def of_gyro(
     heading: float | None = None,
     error: float = 0.0,
 ) -> BiasSize:
-    """rate, force : (3,), rad/s and m/s^2, a resting recording's means, body axes; latitude : rad;
-    heading : rad, or None where it is not known; error : rad/s, 1 sigma of each mean by noise."""
+    """The size of the gyros' bias, rad/s, from a resting recording's means.
+
+    rate, force : (3,), rad/s and m/s^2, the means in body axes; latitude : rad; heading : rad, or
+    None where it is not known; error : rad/s, 1 sigma of each mean by noise.
+    """
     down = -force / np.linalg.norm(force)
     if heading is not None:
         roll = np.arctan2(down[1], down[2])
@@ -61,7 +71,8 @@ def of_gyro(
     north = EARTH_RATE * np.cos(latitude)
 
     def log_likelihood(v: np.ndarray) -> np.ndarray:
-        """A normal vertical; a horizontal of size `level` whose direction is unknown (Rice)."""
+        """The vertical bias is normal; the horizontal rate has the size `level` and an unknown
+        direction (Rice's law)."""
         bessel = np.log(scipy.special.i0e(level * north / v))
         return np.asarray(
             -0.5 * (vertical**2 + (level - north) ** 2) / v - 1.5 * np.log(v) + bessel
@@ -71,7 +82,8 @@ def of_gyro(
 
 
 def of_accel(force: np.ndarray, latitude: float) -> BiasSize:
-    """force : (3,), m/s^2, a resting recording's mean; latitude : rad."""
+    """The size of the accelerometers' bias, m/s^2, from the size of a resting recording's mean
+    force. force : (3,), m/s^2; latitude : rad."""
     off = float(np.linalg.norm(force) - normal_gravity(latitude))
     return _posterior(lambda v: -0.5 * (off**2 / v + np.log(v)), np.array([off]), _HEIGHT_UNKNOWN)
 
@@ -79,7 +91,11 @@ def of_accel(force: np.ndarray, latitude: float) -> BiasSize:
 def _posterior(
     log_likelihood: Callable[[np.ndarray], np.ndarray], sizes: np.ndarray, error: float
 ) -> BiasSize:
-    """log_likelihood : of the variances (bias and noise of the mean together) on a grid."""
+    """The posterior of the bias's size under a prior that is flat in its logarithm.
+
+    log_likelihood : as a function of variances, of bias and noise of the mean together; sizes : the
+    figures that bound the grid of sizes; error : 1 sigma of the mean by noise.
+    """
     largest = max(float(np.abs(sizes).max()), error, 1e-12)
     least = max(error, 1e-5 * largest) / 3
     log_size = np.linspace(np.log(least), np.log(100 * largest), _GRID)

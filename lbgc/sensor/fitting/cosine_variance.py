@@ -1,4 +1,4 @@
-"""The variance that a noise term gives to each cosine coefficient of a finite series, exactly.
+"""The exact variance that a noise term gives to each cosine coefficient of a finite series.
 
 The orthonormal DCT-II of n samples, coefficient k >= 1, angle a = pi k/n. With the samples'
 autocovariance r_l its variance is
@@ -6,8 +6,8 @@ autocovariance r_l its variance is
     r_0 + 2/n sum_l r_l ((n - l) cos(a l) - sin(a l)/sin(a)),   l = 1 ... n - 1.
 
 A term whose covariance is a sum of exponentials has r_l = Re sum_j c_j z_j^l for l >= 1, so that
-the sum is geometric: nothing is folded or cut short, whatever the sample rate. All variances are
-given times the samples' interval: they are densities, unit^2 s.
+the sum is geometric and has a closed form at any sample rate: no aliases are summed, no series is
+truncated. All variances are given times the samples' interval: they are densities, unit^2 s.
 """
 
 from dataclasses import dataclass
@@ -29,65 +29,71 @@ from lbgc.sensor.noise import (
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The coefficients of n samples at interval dt that variances are asked for, single or in bins
-    whose middle stands for them."""
+    """The cosine coefficients of n samples for which variances are computed: single coefficients,
+    or bins of neighbouring ones, of which the middle represents all."""
 
     n: int
+    """Number of samples"""
     dt: float
-    """s"""
+    """The samples' interval, s"""
     k: np.ndarray
-    """(M,), the middles; from 1 to n - 1"""
+    """(M,), the coefficients' numbers, from 1 to n - 1; of a bin, its middle"""
     count: np.ndarray
-    """(M,), how many coefficients each stands for"""
+    """(M,), how many coefficients each represents"""
 
     @cached_property
     def f(self) -> np.ndarray:
-        """(M,), Hz"""
+        """(M,), the coefficients' frequencies, Hz."""
         return self.k / (2 * self.n * self.dt)
 
     @cached_property
     def width(self) -> np.ndarray:
-        """(M,), Hz, of the bins"""
+        """(M,), the bins' widths, Hz."""
         return self.count / (2 * self.n * self.dt)
 
     @cached_property
     def angle(self) -> np.ndarray:
+        """(M,), the angles a = pi k/n, rad."""
         return np.pi * self.k / self.n
 
     @cached_property
     def turn(self) -> np.ndarray:
+        """(M,), e^(i a)."""
         return np.exp(1j * self.angle)
 
     @cached_property
     def one_less_turn(self) -> np.ndarray:
-        """1 - e^(i a), without cancellation"""
+        """(M,), 1 - e^(i a), without cancellation."""
         return np.asarray(2 * np.sin(self.angle / 2) ** 2 - 1j * np.sin(self.angle))
 
     @cached_property
     def sine(self) -> np.ndarray:
+        """(M,), sin a."""
         return np.asarray(np.sin(self.angle))
 
     @cached_property
     def sinc_squared(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What an interval's mean lets through, at f and at its images 1/dt - f and 1/dt + f"""
+        """The power gain of averaging over an interval, (M,) each: at f and at its images
+        1/dt - f and 1/dt + f."""
         x = self.f * self.dt
         return np.sinc(x) ** 2, np.sinc(1 - x) ** 2, np.sinc(1 + x) ** 2
 
     @cached_property
     def last_turn(self) -> np.ndarray:
-        """e^(i a (n - 1)); a bin holds even and odd coefficients, whose e^(i a n) cancel"""
+        """(M,), e^(i a (n - 1)), and zero for a bin, where the e^(i a n) of even and odd
+        coefficients cancel."""
         parity = np.where(self.count == 1, 1 - 2 * (np.round(self.k) % 2), 0.0)
         return np.asarray(parity * np.conj(self.turn))
 
 
 def density(term: GaussianTerm, grid: Grid) -> np.ndarray:
-    """Variances times dt of a grid's coefficients, (M,), unit^2 s."""
+    """The variances that a term gives to a grid's coefficients, times dt: (M,), unit^2 s."""
     cos = np.cos(grid.angle)
     if isinstance(term, White):
         return np.full(len(cos), term.N**2)
     if isinstance(term, RandomWalk):
-        # Cosines are the eigenvectors of -|i - j|/2, which is what a walk's differences have; means
-        # over intervals smooth it by the sixth.
+        # With the mean removed, the walk's covariance is that of -|i - j|/2, whose eigenvectors are
+        # the cosines; that samples are means over intervals takes away the sixth.
         return term.K**2 * grid.dt**2 * (0.25 / np.sin(grid.angle / 2) ** 2 - 1 / 6)
     if isinstance(term, AngleQuantisation):
         return np.asarray(2 * term.Q**2 / grid.dt * (1 - cos + (1 + cos) / grid.n))
@@ -96,19 +102,20 @@ def density(term: GaussianTerm, grid: Grid) -> np.ndarray:
     rates, weights = exponentials(term)
     total = np.zeros(len(cos))
     for s, w in zip(rates, weights, strict=True):
-        total += _of_exponential(complex(s), complex(w), grid)
+        total += _exponential_variance(complex(s), complex(w), grid)
     return grid.dt * total
 
 
 def exponentials(term: GaussianTerm) -> tuple[np.ndarray, np.ndarray]:
-    """Rates s_j (1/s, real part above zero) and weights w_j (unit^2) of the term's covariance,
-    Re sum_j w_j e^(-s_j |t|)."""
+    """The rates s_j (1/s, real part above zero) and the weights w_j (unit^2) with which a term's
+    covariance is Re sum_j w_j e^(-s_j |t|). Raises TypeError for a term that is no such sum."""
     if isinstance(term, Flicker):
         return 1 / term.correlation_times(), term.variances()
     if isinstance(term, GaussMarkov):
         return np.array([1 / term.T]), np.array([term.sigma**2])
     if isinstance(term, BandLimited):
-        # critical damping has one double pole; a hair beside it is the same to rounding
+        # With critical damping the two poles coincide, and the weights divide by zero. A damping
+        # ratio that differs by 1e-5 gives the same result to rounding.
         damping = term.damping + 1e-5 * (abs(term.damping - 1) < 1e-5)
         root, w = np.sqrt(complex(damping**2 - 1)), 2 * np.pi * term.bandwidth
         one, two = w * (damping - root), w * (damping + root)
@@ -117,10 +124,11 @@ def exponentials(term: GaussianTerm) -> tuple[np.ndarray, np.ndarray]:
     raise TypeError(f"{type(term).__name__} has no covariance of exponentials")
 
 
-def _of_exponential(s: complex, weight: complex, grid: Grid) -> np.ndarray:
-    """What Re(weight e^(-s |t|)) gives, over means of length dt: (M,), unit^2.
+def _exponential_variance(s: complex, weight: complex, grid: Grid) -> np.ndarray:
+    """The coefficients' variances, (M,), unit^2, of the interval means of a process of covariance
+    Re(weight e^(-s |t|)).
 
-    With u = s dt its means have r_0 = 2 w (u - 1 + e^-u)/u^2 and, for l >= 1,
+    With u = s dt the means have r_0 = 2 w (u - 1 + e^-u)/u^2 and, for l >= 1,
     r_l = w ((1 - e^-u)/u)^2 e^(-u (l - 1)).
     """
     u = s * grid.dt
@@ -151,13 +159,15 @@ def _weighted(
 
 
 def _line(term: Line, grid: Grid) -> np.ndarray:
-    """Near a line its mean over a bin counts. Steep flanks have no images but the nearest."""
+    """The coefficients' variances times dt, (M,), unit^2 s, of a narrow-band process. In bins near
+    the line that are coarse compared with its width, the PSD is averaged over the bin. With two
+    poles the flanks are steep, so that only the nearest aliases are added."""
     f, half = grid.f, grid.width / 2
     coarse, close = half > 0.03 * term.width, np.abs(f - term.f0) < 6 * term.width + 3 * half
     near = np.flatnonzero(coarse & close)
     if term.poles == 1:
         rate, weight = term.ringing()
-        total = grid.dt * _of_exponential(-rate, weight, grid)
+        total = grid.dt * _exponential_variance(-rate, weight, grid)
     else:
         total = term.psd(f) * grid.sinc_squared[0]
         if term.f0 + 8 * term.width > 0.4 / grid.dt:

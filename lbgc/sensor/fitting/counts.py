@@ -1,21 +1,21 @@
-"""What a recording's counts do to what it tells: their size, whether the noise shakes them, and the
-white noise before rounding where it does not.
+"""The counts of a recording: their size, whether the noise dithers them, and the white noise before
+rounding where it does not.
 
 A sample is printed as the count it falls into, y = LSB round(x/LSB). Where x's fast noise exceeds
-0.65 counts, rounding adds white noise of LSB^2/12 and nothing else (Sheppard's correction; its
-first term left out is below 0.3% of the variance, wherever the mean stands). Below that, second
-moments of y tell x's noise wrongly, by how the mean stands within a count, and the likelihood of
-the counts themselves is needed: with counts' edges known,
+0.65 counts, rounding adds white noise of LSB^2/12 and nothing else (Sheppard's correction, whose
+first neglected term is below 0.3% of the variance, wherever the mean lies). With less noise the
+second moments of y tell x's noise wrongly, by an amount that depends on where the mean lies within
+a count, and the likelihood of the counts themselves is needed. With the counts' edges known,
 
     P(y = k) = Phi((k + 1/2 - m(t))/sigma) - Phi((k - 1/2 - m(t))/sigma),
 
-an ordered probit regression, m(t) a few slow cosines and tones, whose log-likelihood is concave in
-(1/sigma, m/sigma). It holds for white noise; counts whose residuals remember each other say so.
+an ordered probit regression, with m(t) a few slow cosines and tones, whose log-likelihood is
+concave in (1/sigma, m/sigma). It holds for white noise; correlated residuals show that it does not.
 
-Where the rest of each rounding is carried over to the next sample (pulses of an integrated rate),
-the sum of counts follows the sum of x within a count. If x's noise shakes the phase, that is angle
-quantisation; if not, counts beat with the mean rate, in lines at all multiples of rate over count
-and their images, which hide the noise.
+Where the remainder of each rounding is carried over to the next sample (pulses of an integrated
+rate), the sum of counts follows the sum of x to within a count. If x's noise dithers the phase,
+that is angle quantisation; if not, the counts beat with the mean rate: lines at all multiples of
+rate over count, and their aliases, hide the noise.
 """
 
 from dataclasses import dataclass, replace
@@ -28,58 +28,61 @@ from lbgc.sensor.noise import Rounding
 
 ENOUGH = 0.65
 """Counts of fast noise, 1 sigma, from which on rounding is plain white noise."""
-_MOST_LEVELS = 4096
-_SHAKEN = 0.15  # half the variance of differences, counts^2: less, and rounding remembers itself
-_BLOCKS = 256
-_SLOW = (0, 6, 30, 100)  # cosines that a slow mean may need
-_TONES = 4
-_LAGS = 30
-_FIVE_SIGMA = 2.9e-7
-_MOST_SAMPLES = 200_000  # that are looked at one by one: for tones, and with them
-_QUIETEST = 0.04  # counts: less noise than this nothing tells
-_PHASE = 0.2  # counts of noise a sample that shake the phase of counts carried over
-_PHASES = 64  # samples over which it is looked at, at most
-_STRETCH = 4.0  # counts^2 of change in the stretches whose sums tell counts carried over
-_STRETCHES = 16  # that it takes to tell
-_BY_CHANCE = 1e-5
-_SEEN = 0.15  # standard error of ln sigma, above which the noise has a limit only
+_MOST_LEVELS = 4096  # different counts of a recording, at most
+_SHAKEN = 0.15  # half the variance of differences, counts^2, below which roundings are correlated
+_BLOCKS = 256  # stretches of a recording in which a slow mean is constant
+_SLOW = (0, 6, 30, 100)  # numbers of cosines that are tried for a slow mean
+_TONES = 4  # tones, at most
+_LAGS = 30  # lags over which residuals are tested for correlation
+_FIVE_SIGMA = 2.9e-7  # one-sided probability beyond five standard deviations
+_MOST_SAMPLES = 200_000  # samples, at most, where they are taken one by one, as for tones
+_QUIETEST = 0.04  # counts of noise, below which the counts tell nothing
+_PHASE = 0.2  # counts of noise a sample that dither the phase of carried counts
+_PHASES = 64  # samples, at most, over whose sum that dither is looked for
+_STRETCH = 4.0  # variance of a stretch's sum, counts^2, for the test of carried counts
+_STRETCHES = 16  # least number of stretches for that test
+_BY_CHANCE = 1e-5  # p-value below which that test finds carried counts
+_SEEN = 0.15  # standard error of ln sigma, above which the noise has an upper limit only
 
 
 @dataclass(frozen=True)
 class Counts:
-    """A recording's counts, SI."""
+    """The counts of a recording and what they do to its noise."""
 
     lsb: float
+    """Size of a count, in the recording's unit, SI"""
     sigma: float
-    """Standard deviation of the fast noise before rounding, in counts."""
+    """Standard deviation of the fast noise before rounding, in counts"""
     low: float
-    """95% interval of sigma; 0: the counts give an upper limit only."""
+    """Lower end of sigma's 95% interval; 0: the counts give an upper limit only"""
     high: float
+    """Upper end of sigma's 95% interval"""
     upper: float
-    """One-sided 95% upper limit."""
+    """One-sided 95% upper limit of sigma"""
     kind: str
-    """dithered: rounding is white noise; carried: the rest of each rounding is carried over to the
-    next sample, so that it is angle quantisation; beating: carried over, and not shaken by the
-    noise; coarse: sigma is the counts' own; memory: coarse, and the noise is not white, or changes
-    of count are too few to tell whether the rest is carried over, so that no sigma tells N."""
+    """dithered: rounding is white noise; carried: the remainder of each rounding is carried over to
+    the next sample, so that it is angle quantisation; beating: carried over, and not dithered by
+    the noise; coarse: not dithered, and sigma is from the counts' likelihood; memory: coarse, and
+    the noise is not white, or changes of count are too few to tell whether the remainder is carried
+    over, so that N cannot be told from sigma"""
     blur: float
-    """The most by which the mean seen through the counts can lag or lead a slow change of it, as a
-    share of the change: 2 exp(-2 pi^2 sigma^2), less where tones shake the counts."""
+    """The largest share of a slow change of the mean by which the mean of the counts can differ
+    from it: 2 exp(-2 pi^2 sigma^2), less where tones dither the counts"""
 
     @property
     def hides_noise(self) -> bool:
-        """Whether the noise does not shake the counts, so that no spectrum tells what it is."""
+        """Whether the noise does not dither the counts, so that no spectrum shows it."""
         return self.kind in ("coarse", "memory", "beating")
 
     def rounding(self, dt: float) -> float:
-        """Density of the rounding noise that the samples have besides their own, unit^2 s."""
+        """Density of the samples' rounding noise, unit^2 s; zero unless the counts are dithered."""
         return Rounding.to(self.lsb, dt).N ** 2 if self.kind == "dithered" else 0.0
 
 
 def count_size(series: np.ndarray) -> float | None:
-    """The common increment of a recording's values, or None where there is none. series : (...).
-
-    Of values printed to a few digits or as float32, increments are multiples to within that."""
+    """The size of a recording's counts, the common increment of its values, or None where there is
+    none. series : (...), unit. Values may be printed to a few digits or as float32: increments are
+    multiples of the count to within that."""
     levels = np.unique(series)
     if not 2 <= len(levels) <= _MOST_LEVELS or len(levels) > np.size(series) / 2:
         return None
@@ -95,8 +98,7 @@ def count_size(series: np.ndarray) -> float | None:
 
 
 def judged(series: np.ndarray) -> Counts | None:
-    """What a recording's counts do to what it tells, or None where it has none that matter.
-
+    """Find a recording's counts and what they do to its noise, or None where it has no counts.
     series : (n,), unit, one recording at even intervals."""
     lsb = count_size(series)
     if lsb is None:
@@ -111,7 +113,7 @@ def judged(series: np.ndarray) -> Counts | None:
     variance = float(np.var(rest)) - 1 / 12
     differences = float(np.mean(np.diff(rest) ** 2)) / 2 - 1 / 12
     level = some - slow @ np.linalg.lstsq(slow, some, rcond=None)[0]
-    undone = _undone(level)
+    undone = _sums_cancel(level)
     carried = _carried(rest) or bool(undone)
     if carried or (variance > ENOUGH**2 and differences > _SHAKEN):
         sigma = float(np.sqrt(max(variance - carried / 12, 0.0)))
@@ -124,51 +126,52 @@ def judged(series: np.ndarray) -> Counts | None:
 
 
 def _carried(rest: np.ndarray) -> bool:
-    """Whether neighbours' roundings undo each other: their covariance is -1/12 where the rest is
-    carried over, and zero or more where each sample is rounded by itself."""
+    """Whether the rounding errors of neighbours cancel: their covariance is -1/12 where the
+    remainder is carried over, and zero or more where each sample is rounded by itself."""
     covariance = np.mean(rest[1:] * rest[:-1])
     sigma = np.var(rest) / np.sqrt(len(rest))
     return bool(covariance < -1 / 24 and covariance < -3 * sigma)
 
 
-def _undone(rest: np.ndarray) -> bool | None:
-    """Whether sums over stretches scatter far less than those of samples that are each rounded by
-    itself, as they do where the rest is carried over; None where too few changes tell."""
+def _sums_cancel(rest: np.ndarray) -> bool | None:
+    """Whether sums over stretches scatter far less than those of samples that are rounded one by
+    one, as they do where the remainder is carried over; None where changes of count are too few."""
     variance = float(np.var(rest))
     length = max(1, int(_STRETCH / max(variance, 1e-12)))
     number = len(rest) // length
     if number < _STRETCHES:
         return None
-    ratio = _of_sums(rest, length) / (length * variance)
-    freedom = (number - 1) * 2 / 3  # of differences between neighbours
+    ratio = _sum_variance(rest, length) / (length * variance)
+    freedom = (number - 1) * 2 / 3  # of a variance from differences between neighbours
     chance = float(scipy.special.gammainc(freedom / 2, ratio * freedom / 2))
     return ratio < 0.3 and chance < _BY_CHANCE
 
 
 def _is_shaken(rest: np.ndarray) -> bool:
-    """Whether noise moves the phase of counts carried over enough that they do not beat: by 0.2
-    counts a sample a beat is gone in two. Sums over stretches differ by the noise between them and
+    """Whether noise moves the phase of carried counts enough that they do not beat. With 0.2 counts
+    a sample a beat is gone in two periods. Sums over stretches differ by the noise between them and
     by three roundings, one of them twice: var/2 = n sigma^2 + 6/24."""
     length = max(1, min(_PHASES, len(rest) // _STRETCHES))
-    noise = _of_sums(rest, length) - 0.25
+    noise = _sum_variance(rest, length) - 0.25
     return noise > length * _PHASE**2
 
 
-def _of_sums(rest: np.ndarray, length: int) -> float:
-    """Variance of sums over so many samples, by their differences: what is slow is left out."""
+def _sum_variance(rest: np.ndarray, length: int) -> float:
+    """Variance of sums over `length` samples, from their differences, which leave slow noise
+    out."""
     number = len(rest) // length
     sums = rest[: number * length].reshape(number, length).sum(axis=1)
     return float(np.mean(np.diff(sums) ** 2)) / 2
 
 
 def _cosines(n: int, count: int) -> np.ndarray:
-    """(n, count): the constant and the slowest cosines of an even grid."""
+    """The constant and the slowest cosines on an even grid of n samples, (n, count)."""
     return np.cos(np.pi * np.outer(np.arange(n) + 0.5, np.arange(count)) / n)
 
 
 def _tones(y: np.ndarray) -> np.ndarray:
-    """(n, 2 T): cosine and sine of each steady tone that stands out of the spectrum and is of more
-    than a twentieth of a count, their frequencies to a hundredth of the resolution."""
+    """Cosine and sine, (n, 2 T), of each steady tone that stands out of the spectrum of y (n,) and
+    exceeds a twentieth of a count. Frequencies are found to a hundredth of the resolution."""
     n = len(y)
     window = np.hanning(n)
     found: list[np.ndarray] = []
@@ -200,17 +203,19 @@ def _tones(y: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Counts as the likelihood takes them: `weight` samples of count `level` each, where the mean's
-    parts are `design`."""
+    """The data of the likelihood: each row stands for `weight` samples of the count `level` whose
+    mean has the regressors `design` (rows, b)."""
 
     design: np.ndarray
     level: np.ndarray
     weight: np.ndarray
     of_sample: np.ndarray
-    """(n,), each sample's row."""
+    """(n,), each sample's row"""
 
 
 def _rows(y: np.ndarray, waves: np.ndarray, slow: int) -> _Rows:
+    """The rows of counts y (n,) with `slow` cosines for the mean, and with tones' waves (n, 2 T).
+    Without tones, equal counts in a stretch are one row."""
     n = len(y)
     if waves.size:
         n = min(n, _MOST_SAMPLES)
@@ -225,8 +230,9 @@ def _rows(y: np.ndarray, waves: np.ndarray, slow: int) -> _Rows:
 
 
 def _cell(rows: _Rows, gamma: float, eta: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Logarithm of each row's probability, and the normal density at its upper and lower edge over
-    it, and these edges (x sigma). All in the tail where both are small, so that nothing cancels."""
+    """Logarithm of each row's probability; the normal density at its upper and lower edge, over the
+    probability; and these edges over sigma, about the mean eta sigma. Each is evaluated in the tail
+    where both edges' probabilities are small, so that nothing cancels."""
     upper, lower = gamma * (rows.level + 0.5) - eta, gamma * (rows.level - 0.5) - eta
     flip = upper + lower > 0
     a, b = np.where(flip, -upper, lower), np.where(flip, -lower, upper)
@@ -240,8 +246,8 @@ def _cell(rows: _Rows, gamma: float, eta: np.ndarray) -> tuple[np.ndarray, ...]:
 def _maximise(
     rows: _Rows, gamma: float, b: np.ndarray, fixed: bool = False
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
-    """Newton's method on the concave log-likelihood, from 1/sigma = gamma and mean/sigma = design
-    b; `fixed` holds gamma. Returns the log-likelihood, gamma, b and minus the Hessian."""
+    """Maximise the concave log-likelihood by Newton's method, from 1/sigma = gamma and mean/sigma =
+    design b; `fixed` holds gamma. Returns the log-likelihood, gamma, b and minus the Hessian."""
     w, X = rows.weight, rows.design
     most = 1 / _QUIETEST
     value = float(w @ _cell(rows, gamma, X @ b)[0])
@@ -249,8 +255,8 @@ def _maximise(
     for _ in range(50):
         _, up, low, u, v = _cell(rows, gamma, X @ b)
         k_up, k_low = rows.level + 0.5, rows.level - 0.5
-        s = low - up  # of eta
-        g = k_up * up - k_low * low  # of gamma
+        s = low - up  # derivative by eta
+        g = k_up * up - k_low * low  # derivative by gamma
         bend = u * up - v * low + s**2  # minus the second derivatives
         mixed = k_up * (-u * up) - k_low * (-v * low) + g * s
         own = k_up**2 * u * up - k_low**2 * v * low + g**2
@@ -276,7 +282,7 @@ def _maximise(
 
 
 def _coarse(lsb: float, y: np.ndarray, waves: np.ndarray) -> Counts:
-    """The counts' own likelihood, with as many slow cosines as they ask for."""
+    """The counts by their own likelihood, with the number of slow cosines that suits them best."""
     best = None
     for slow in _SLOW:
         if slow > len(y) / 200:
@@ -300,7 +306,7 @@ def _coarse(lsb: float, y: np.ndarray, waves: np.ndarray) -> Counts:
     seen = sigma if low > 0 else upper
     blur = float(2 * np.exp(-2 * (np.pi * (sigma if low > 0 else 0.0)) ** 2) * shaken)
     kind = "coarse"
-    if _remembers(s):
+    if _are_correlated(s):
         kind = "memory" if seen < 0.5 else "dithered"
     elif sigma > ENOUGH:
         kind = "dithered"
@@ -308,18 +314,18 @@ def _coarse(lsb: float, y: np.ndarray, waves: np.ndarray) -> Counts:
 
 
 def _residuals(rows: _Rows, gamma: float, b: np.ndarray) -> np.ndarray:
-    """(n,), of each sample: the derivative of its log-likelihood by its mean."""
+    """The residual of each sample, (n,): the derivative of its log-likelihood by its mean."""
     _, up, low, *_ = _cell(rows, gamma, rows.design @ b)
     return np.asarray((low - up)[rows.of_sample])
 
 
-def _remembers(s: np.ndarray) -> bool:
-    """Whether residuals are correlated with those shortly before, by five standard errors at one
-    of the lags or over them all.
+def _are_correlated(s: np.ndarray) -> bool:
+    """Whether the residuals s (n,) are correlated at short lags, by five standard errors at one of
+    the lags or over them all.
 
     Where few samples leave the commonest count, residuals are few and large, and their products at
-    a lag are events that one can count: with e = (sum s^2)^2/sum s^4 large residuals, e^2/n pairs
-    are expected at each lag, and their law is Poisson's."""
+    a lag are events that can be counted: with e = (sum s^2)^2/sum s^4 large residuals, e^2/n pairs
+    are expected at each lag, by Poisson's law."""
     n = len(s)
     s = s - s.mean()
     spectrum = np.abs(np.fft.rfft(s, 2 * n)) ** 2
@@ -331,8 +337,8 @@ def _remembers(s: np.ndarray) -> bool:
 
 
 def _is_rare(z: np.ndarray, expected: float) -> np.ndarray:
-    """Whether numbers of events that are z standard deviations off the expected one are as
-    improbable, by Poisson's law, as a normal number beyond 5."""
+    """Whether numbers of events that are z standard deviations off the expected number are as
+    improbable, by Poisson's law, as a standard normal number beyond 5."""
     number = np.maximum(expected + z * np.sqrt(expected), 1e-9)
     above = scipy.special.gammainc(number, expected)
     below = scipy.special.gammaincc(number + 1, expected)
@@ -340,8 +346,9 @@ def _is_rare(z: np.ndarray, expected: float) -> np.ndarray:
 
 
 def _batch_spread(rows: _Rows, gamma: float, b: np.ndarray, hessian: np.ndarray) -> float:
-    """Variance of the score of 1/sigma, the mean's parts eliminated, over what independence makes
-    of it, at least 1: from sums over a hundred batches of neighbours (the sandwich's middle)."""
+    """The variance of the score of 1/sigma, with the mean's parameters eliminated, over its value
+    for independent samples, at least 1. It is taken from sums over a hundred batches of neighbours
+    (the middle of a sandwich estimator)."""
     _, up, low, *_ = _cell(rows, gamma, rows.design @ b)
     g = (rows.level + 0.5) * up - (rows.level - 0.5) * low
     side = np.linalg.lstsq(hessian[1:, 1:], hessian[1:, 0], rcond=None)[0]
@@ -354,8 +361,9 @@ def _batch_spread(rows: _Rows, gamma: float, b: np.ndarray, hessian: np.ndarray)
 def _limits(
     rows: _Rows, gamma: float, b: np.ndarray, value: float, spread: float, hessian: np.ndarray
 ) -> tuple[float, float, float]:
-    """sigma's 95% interval and one-sided upper limit. By the profile likelihood, whose ratio is
-    divided by the spread; of many rows with much to tell, by the curvature at the maximum."""
+    """sigma's 95% interval and one-sided upper limit, in counts. They come from the profile
+    likelihood, whose ratio is divided by the spread, or from the curvature at the maximum where
+    sigma is known to within 2%."""
     side = hessian[1:, 0] @ np.linalg.lstsq(hessian[1:, 1:], hessian[1:, 0], rcond=None)[0]
     curvature = max(float(hessian[0, 0] - side) * gamma**2 / spread, 1e-12)
     error, sigma = 1 / np.sqrt(curvature), 1 / gamma

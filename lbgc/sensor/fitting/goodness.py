@@ -1,10 +1,10 @@
-"""Whether a fitted model explains what was recorded: its spectrum, its Allan curve, and that the
-noise is the same from beginning to end.
+"""Goodness of fit: whether a fitted model explains a recording's spectrum and its Allan curve, and
+whether the noise is the same from beginning to end.
 
 If the model is right, the power of a bin of ordinates over the model's is chi-squared, whatever
-the noise is made of. The parameters were fitted to the same powers, though, and that takes out of
-the residuals what they can follow. So the law of every statistic is found by drawing chi-squared
-powers and taking out, to first order, what fitting to them would have taken.
+the noise is made of. But the parameters were fitted to the same powers, which removes from the
+residuals what the parameters can follow. So the law of every statistic is found by drawing
+chi-squared powers and removing, to first order, what a fit to them would remove.
 """
 
 from dataclasses import dataclass
@@ -19,52 +19,62 @@ from lbgc.sensor.fitting.ordinates import Ordinates
 from lbgc.sensor.fitting.shapes import Shape
 
 FAILS = 0.05
-"""Nominal chance of calling a right model wrong."""
+"""Nominal chance that a right model is called wrong."""
 _DRAWS = 999
+"""Sets of powers that are drawn"""
 _LEVELS = (4, 8, 16, 32, 64)
+"""Numbers of bands into which the spectrum is divided"""
 _EIGHTHS = 8
+"""Parts of the log whose powers are compared"""
 _ENOUGH = 50
-"""Ordinates that an eighth of the log must have for its power to be compared."""
+"""Ordinates that an eighth of the log must have in a band for its power to be compared."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """How the spectrum stands to the model in a band of frequencies."""
+    """The spectrum compared with the model in a band of frequencies."""
 
     low_hz: float
+    """Lower end of the band, Hz"""
     high_hz: float
+    """Upper end of the band, Hz"""
     ratio: float
-    """Power over the model's."""
+    """The recorded power over the model's"""
     sigmas: float
-    """Normal number, in standard deviations, as improbable as the band's power."""
+    """The standard normal number that is as improbable as the band's power"""
 
 
 @dataclass(frozen=True)
 class Goodness:
-    """How well a model explains a recording."""
+    """The goodness of fit of a model to a recording."""
 
     p: float
-    """Chance that a right model looks as bad, all tests taken together"""
+    """The p-value of all tests together: the chance that a right model looks as bad"""
     p_spectrum: float
+    """The p-value of the spectrum, by bands"""
     p_allan: float
+    """The p-value of the Allan curve"""
     p_time: float
+    """The p-value of the noise being steady in time"""
     bands: tuple[Band, ...]
-    """From low to high frequency, all there is"""
+    """Sixteen bands that cover the spectrum, from low to high frequency"""
     worst: Band
-    """The band least explained, of bands of several widths"""
+    """The band that is explained worst, among bands of several widths"""
     unsteady: Band
-    """Where the power changes most in time: the highest eighth of the log over the mean"""
+    """The band whose power changes most in time; its ratio is the power of the log's highest eighth
+    over the mean's"""
     widening: tuple[float, ...]
-    """What each parameter's standard error must be multiplied by where the model fails, from how
-    differently the bands want the parameters"""
+    """The factor by which each parameter's standard error must be multiplied where the model fails,
+    from how much the bands disagree about the parameters"""
 
     @property
     def fails(self) -> bool:
+        """Whether the model is rejected: `p` is below `FAILS`."""
         return self.p < FAILS
 
     @property
     def says(self) -> str:
-        """What is not explained, in a sentence; empty where all is."""
+        """A sentence that says what the model does not explain; empty where it does not fail."""
         if not self.fails:
             return ""
         p = "p < 0.001" if self.p < 0.001 else f"p = {self.p:.2g}"
@@ -85,13 +95,13 @@ class Goodness:
 def judge(
     series: np.ndarray, data: Ordinates, shapes: list[Shape], values: dict[str, float]
 ) -> Goodness:
-    """Hold a fitted model against the data. series : (R, n); values : every parameter's, SI."""
+    """Test a fitted model against the data. series : (R, n), unit, the series that the data were
+    made of; values : of every parameter, SI."""
     felt = [s for s in shapes if values[s.names[0]] > 0]
     likelihood = Likelihood(data, felt)
     p = np.log([values[name] for name in likelihood.names])
     v, J = likelihood.variance(p)
     A = J / v[:, None]
-    # A bin that a tone cut into has what is left of it.
     observed = (data.power / v)[None]
     drawn = _drawn(data.count, A)
     edges = [_edges(data, level) for level in _LEVELS]
@@ -102,17 +112,17 @@ def judge(
     off = [np.max(np.abs(a) / spread, axis=1) for a in allan]
     highest = [np.max(np.abs(s), axis=1) for s in scores]
     each = [_p(*both) for both in (highest, squares, off)]
-    spectrum = _together(each[0], each[1])
-    frequency = _together(each[0], each[1], each[2])
+    spectrum = _joint_p(each[0], each[1])
+    frequency = _joint_p(each[0], each[1], each[2])
     p_time, unsteady, uneven = _steadiness(series, data, v)
-    p_all = _of_the_least(min(float(frequency[0]), p_time), 2)
+    p_all = _p_of_least(min(float(frequency[0]), p_time), 2)
     bands = _bands(observed[0], data, edges)
     level = _LEVELS.index(16)
     start = sum(_LEVELS[:level])
     worst = bands[int(np.argmax(np.abs(scores[0][0])))]
     widening = _widening(observed[0], data.count, A, edges[-1])
     all_names = [name for s in shapes for name in s.names]
-    # Fast noise that comes and goes is known as well as its eighths agree.
+    # Where fast noise is not steady, it is known only as well as the log's eighths agree.
     fast = np.array([name == "N" or name.startswith("line_sigma") for name in likelihood.names])
     widening = np.where(fast & (p_time < FAILS), np.maximum(widening, uneven), widening)
     wide = dict(zip(likelihood.names, widening, strict=True))
@@ -129,20 +139,21 @@ def judge(
 
 
 def _drawn(count: np.ndarray, A: np.ndarray) -> np.ndarray:
-    """Powers over the model as a right model would have them after its fit, (draws, M)."""
+    """Drawn powers over the model's, as a right model has them after it was fitted, (draws, M).
+    A : (M, P), derivative of the logarithm of the model's density by the log-parameters."""
     rng = np.random.Generator(np.random.SFC64(np.random.SeedSequence(952)))
     powers = rng.chisquare(count, (_DRAWS, len(count)))
     information = (A * count[:, None]).T @ A
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information / np.outer(size, size), rcond=1e-9, hermitian=True)
     step = (powers - count) @ A / size @ inverse / size
-    # The model moves by a factor, which stays above zero.
+    # The fit multiplies the model's density by this factor, which is bounded.
     return np.asarray(powers / np.exp(np.clip(step @ A.T, -1, 1)))
 
 
 def _edges(data: Ordinates, level: int) -> np.ndarray:
-    """So many bands' first bins and the end: equal shares between the logarithm of frequency and
-    frequency itself, no band without eight ordinates."""
+    """The edges, in bins, of `level` bands: (level + 1,). The bands are equally wide on the scale
+    that is the sum of frequency and its logarithm, each over its range."""
     f = data.grid.f
     place = np.log(f / f[0]) / np.log(f[-1] / f[0]) + (f - f[0]) / (f[-1] - f[0])
     edges = np.searchsorted(place, np.linspace(0, 2, level + 1)[:-1])
@@ -150,14 +161,15 @@ def _edges(data: Ordinates, level: int) -> np.ndarray:
 
 
 def _sums(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sums over the bands, (*S, bands)."""
+    """Sums of values (*S, M) over the bands, (*S, bands)."""
     total = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
     return np.asarray(total[..., edges[1:]] - total[..., edges[:-1]])
 
 
 def _scores(powers: np.ndarray, count: np.ndarray, edges: list[np.ndarray]) -> np.ndarray:
-    """Normal numbers as improbable as each band's power, all levels side by side: by Wilson and
-    Hilferty's cube root, which is within a hundredth from eight ordinates on."""
+    """The standard normal numbers that are as improbable as each band's power, of all levels side
+    by side. They come from Wilson and Hilferty's cube root, which is within a hundredth from eight
+    ordinates on; a band with fewer has 0."""
     out = []
     for one in edges:
         c = _sums(count, one)
@@ -170,14 +182,15 @@ def _scores(powers: np.ndarray, count: np.ndarray, edges: list[np.ndarray]) -> n
 
 
 def _allan(powers: np.ndarray, data: Ordinates, v: np.ndarray) -> np.ndarray:
-    """Logarithm of the Allan variance over the model's at octaves of averaging time, (*S, K)."""
+    """Logarithm of the Allan variance over the model's, at octaves of averaging time, (*S, K), from
+    powers over the model's (*S, M) and the model's density v (M,)."""
     f, dt = data.grid.f, data.dt
     octaves = int(np.log2(data.n / 8)) if data.n >= 16 else 0
     weights = []
     for tau in dt * 2.0 ** np.arange(octaves + 1):
         x = np.pi * f * tau
         turns = data.grid.width * tau
-        # sin^4 over a bin that holds whole turns is 3/8
+        # The mean of sin^4 over a bin that is as wide as whole periods is 3/8.
         wave = np.where(turns > 0.5, 0.375, np.sin(x) ** 4)
         weights.append(wave / np.sin(np.pi * f * dt) ** 2)
     model = np.array(weights) * v
@@ -185,26 +198,28 @@ def _allan(powers: np.ndarray, data: Ordinates, v: np.ndarray) -> np.ndarray:
 
 
 def _p(observed: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """The share that is as large, of the observed statistic and of each drawn one, (1 + draws,)."""
+    """The p-values of an observed statistic and of each drawn one, (1 + draws,): the share of all
+    of them that is as large."""
     both = np.concatenate([observed, drawn])
     rank = len(both) - np.searchsorted(np.sort(both), both, side="left")
     return rank / len(both)
 
 
-def _together(*each: np.ndarray) -> np.ndarray:
-    """The share of draws in which the least of several such shares is as low, for the observed and
-    each drawn one, (1 + draws,)."""
+def _joint_p(*each: np.ndarray) -> np.ndarray:
+    """The p-values of several tests together, (1 + draws,), from those of each test: the share of
+    the draws in which the least of the tests' p-values is as low."""
     least = -np.min(each, axis=0)
     return _p(least[:1], least[1:])
 
 
-def _of_the_least(p: float, tests: int) -> float:
-    """Chance that the least p of so many independent tests is as low: exact where p is tiny, and
-    never zero."""
+def _p_of_least(p: float, tests: int) -> float:
+    """The chance that the least p-value of several independent tests is as low as p: exact where p
+    is tiny, and never zero."""
     return float(-np.expm1(tests * np.log1p(-np.clip(p, np.finfo(float).tiny, 1 - 1e-16))))
 
 
 def _bands(powers: np.ndarray, data: Ordinates, edges: list[np.ndarray]) -> list[Band]:
+    """The bands of all levels, one level after the other; powers : (M,), over the model's."""
     scores = _scores(powers[None], data.count, edges)[0]
     f, half = data.grid.f, data.grid.width / 2
     out = []
@@ -219,8 +234,9 @@ def _bands(powers: np.ndarray, data: Ordinates, edges: list[np.ndarray]) -> list
 
 
 def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[float, Band, float]:
-    """Bartlett's test of the power in the log's eighths, in bands of three octaves of the whitened
-    series: (p, where it changes most, the eighths' scatter in the highest band over chance's)."""
+    """Test by Bartlett's test whether the power is the same in the eighths of the log, in bands of
+    three octaves of the whitened series. Returns the p-value, the band where the power changes
+    most, and the scatter of the eighths in the highest band over the scatter by chance."""
     n, dt = data.n, data.dt
     k = np.arange(n)
     root = np.exp(np.interp(k, data.k, np.log(v) / 2))
@@ -247,11 +263,12 @@ def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[flo
     sigmas = float(scipy.stats.norm.isf(max(each[at], 1e-300)))
     where = Band(edges[at + 1] / (2 * n * dt), edges[at] / (2 * n * dt), ratio, sigmas)
     scatter = float(np.std(flat[0]) / flat[0].mean() / np.sqrt(2 / freedom[0]))
-    return _of_the_least(min(each), len(each)), where, scatter
+    return _p_of_least(min(each), len(each)), where, scatter
 
 
 def bartlett(energy: np.ndarray, freedom: float) -> float:
-    """p of equal variances: energy (G,), each chi-squared with so many degrees of freedom."""
+    """The p-value of Bartlett's test of equal variances: energy (G,), sums of squares that are
+    chi-squared with `freedom` degrees of freedom each."""
     groups = len(energy)
     statistic = groups * freedom * np.log(energy.mean()) - freedom * np.sum(np.log(energy))
     statistic /= 1 + (groups / freedom - 1 / (groups * freedom)) / (3 * (groups - 1))
@@ -261,8 +278,9 @@ def bartlett(energy: np.ndarray, freedom: float) -> float:
 def _widening(
     powers: np.ndarray, count: np.ndarray, A: np.ndarray, edges: np.ndarray
 ) -> np.ndarray:
-    """Standard errors that count how differently bands want each parameter (Huber's sandwich, band
-    by band), over those of a right model: (P,), 1 or more."""
+    """The factor on each parameter's standard error, (P,), 1 or more: standard errors from how much
+    the bands disagree about the parameter (Huber's sandwich estimator with bands as groups) over
+    those of a right model."""
     scores = _sums(((powers - count)[:, None] * A).T / 2, edges)  # (P, bands)
     information = 0.5 * (A * count[:, None]).T @ A
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))

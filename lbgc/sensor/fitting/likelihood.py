@@ -1,9 +1,8 @@
 """The likelihood of a noise model: Whittle's, on the cosine transform.
 
-Each coefficient (see `lbgc.sensor.fitting.ordinates`) is normal with the variance that the model
-gives it, exactly (`lbgc.sensor.fitting.cosine_variance`). What taking the coefficients as
-independent gives away against the exact likelihood is below 3% of a standard error (`make
-study-noise`).
+Each coefficient (see `lbgc.sensor.fitting.ordinates`) is normal, with exactly the variance that the
+model gives it (`lbgc.sensor.fitting.cosine_variance`). Taking the coefficients as independent costs
+less than 3% of a standard error compared with the exact likelihood (`make study-noise`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,18 +15,21 @@ from lbgc.sensor.fitting.ordinates import Ordinates
 from lbgc.sensor.fitting.shapes import Shape, is_line
 from lbgc.sensor.gaussian import GaussianTerm
 
-_ENOUGH = 1e-5  # of the likelihood's logarithm, whose steps by 2 are what an interval is made of
+_ENOUGH = 1e-5
+"""Gain in log-likelihood below which a minimisation ends; an interval's ends are at a fall of about
+2."""
 WIDEST = 0.3
-"""Width of a line over the frequency where it is looked for, at most: what is wider is no line, and
-hides those that are."""
-_STEP = 1e-4  # of a log-parameter, for derivatives
+"""The largest width of a line, over the frequency where it is looked for. A wider one is not a line
+and would hide those that are."""
+_STEP = 1e-4
+"""Step of a log-parameter in a numerical derivative."""
 _unit = lru_cache(maxsize=2048)(density)
 
 
 def _range(name: str, data: Ordinates) -> tuple[float, float]:
-    """Least and largest value of a parameter. A filter with a damping above one has two poles
-    apart: `FIRST_ORDER` is that. A line narrower than 3/duration is one that the log does not
-    resolve."""
+    """The least and the largest value of a parameter. Damping ends at 1, because a filter with a
+    damping above one has two separate poles, which is what `FIRST_ORDER` is for. A line narrower
+    than 3/duration is not resolved by the log."""
     if name.startswith("line_width"):
         return 3 / (data.n * data.dt), np.inf
     if name.startswith("line_f0"):
@@ -36,12 +38,14 @@ def _range(name: str, data: Ordinates) -> tuple[float, float]:
 
 
 class Likelihood:
-    """Minus the log-likelihood of log-parameters, with gradient and Fisher information."""
+    """Minus the log-likelihood of the logarithms of a model's parameters, with its gradient and
+    Fisher information."""
 
     def __init__(
         self, data: Ordinates, shapes: Sequence[Shape], near: Mapping[str, float] | None = None
     ):
-        """near : values of the parameters about which lines are looked for, SI."""
+        """data : the ordinates; shapes : the terms of the model; near : values of the parameters
+        near which lines are looked for, SI, which limit the lines' widths."""
         self.data, self.shapes = data, list(shapes)
         self.names = [name for shape in shapes for name in shape.names]
         with np.errstate(divide="ignore"):
@@ -55,14 +59,15 @@ class Likelihood:
         self.grid: Grid = data.grid
 
     def unit_variance(self, shape: Shape, parameters: Sequence[float]) -> np.ndarray:
-        """Variance of a term with coefficient one, at every ordinate: unit^2 s."""
+        """The variance that a term with coefficient one gives to every ordinate, (M,), unit^2 s."""
         term: GaussianTerm = shape.unit_term(parameters)
         return _unit(term, self.grid)
 
     def variance(
         self, p: np.ndarray, loose: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """v (M,) and its derivative by the log-parameters, or by the loose ones of them, (M, P)."""
+        """The model's variance v of every ordinate, (M,), unit^2 s, and its derivative by the
+        log-parameters p, (M, P), or only by those that the mask `loose` selects."""
         asked = np.ones(len(p), bool) if loose is None else loose
         values, columns, at = np.full(len(self.count), self.data.rounding), [], 0
         for shape in self.shapes:
@@ -83,18 +88,18 @@ class Likelihood:
         return values, np.stack(columns, axis=1)
 
     def bic(self, value: float) -> float:
-        """Bayesian information criterion at the minimum's value."""
+        """The Bayesian information criterion, given minus the log-likelihood at its minimum."""
         return 2 * value + len(self.names) * float(np.log(self.count.sum()))
 
     def information(self, p: np.ndarray) -> np.ndarray:
-        """Fisher information of the log-parameters, (P, P)."""
+        """The Fisher information of the log-parameters at p, (P, P)."""
         v, J = self.variance(p)
         A = J / v[:, None]
         return np.asarray(0.5 * (A * self.count[:, None]).T @ A)
 
     def covariance(self, p: np.ndarray, keep: Sequence[int] = ()) -> np.ndarray:
-        """Covariance of the log-parameters' errors, (P, P); infinite for those that the data do not
-        feel, except that those to `keep` are taken as felt."""
+        """Covariance of the log-parameters' errors, (P, P). It is infinite for parameters of which
+        the data have no information, except for those in `keep`."""
         information = self.information(p)
         felt = np.diag(information) > 1e-9
         felt[list(keep)] = True
@@ -105,6 +110,8 @@ class Likelihood:
         return out
 
     def value(self, p: np.ndarray) -> float:
+        """Minus the log-likelihood at log-parameters p (P,): half the sum over the ordinates of
+        count ln v + power/v."""
         v, at = np.full(len(self.count), self.data.rounding), 0
         for shape in self.shapes:
             own = np.exp(p[at : at + len(shape.names)])
@@ -119,10 +126,12 @@ class Likelihood:
         steps: int = 60,
         enough: float = _ENOUGH,
     ) -> tuple[np.ndarray, float]:
-        """Fisher scoring with halved steps; `fixed` holds parameters at values. A coefficient that
-        the data push to zero ends far below what they could show.
+        """Minimise minus the log-likelihood by Fisher scoring with step halving, beginning at the
+        log-parameters `start` (P,). A coefficient that the data push to zero ends far below what
+        they could show. Returns the log-parameters (P,) and the minimum.
 
-        steps : at most; enough : ends where less of the logarithm is left to gain.
+        fixed : log-parameters that are held, by index; steps : the most steps; enough : it ends
+        where less of the log-likelihood is left to gain.
         """
         p = np.clip(start, self.least, self.most)
         for i, x in (fixed or {}).items():
@@ -142,12 +151,11 @@ class Likelihood:
             ridge = 1e-12 * np.trace(information) + 1e-12
             step = np.linalg.solve(information + ridge * np.eye(free.sum()), gradient[moves])
             step *= min(1.0, 1.0 / np.abs(step).max(initial=1e-300))
-            if gradient[moves] @ step < enough:  # all that is left to gain
+            if gradient[moves] @ step < enough:  # the expected gain
                 break
             room = np.where(step < 0, self.most[free] - p[free], p[free] - self.least[free])
-            short = min(
-                1.0, float(np.min(room / np.maximum(np.abs(step), 1e-300), initial=1.0))
-            )  # of an end
+            # A step that would leave a parameter's range is cut short.
+            short = min(1.0, float(np.min(room / np.maximum(np.abs(step), 1e-300), initial=1.0)))
             step *= short
             for _ in range(10):
                 trial = p.copy()

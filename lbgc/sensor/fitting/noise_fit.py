@@ -1,4 +1,5 @@
-"""Which noise a static recording has: maximum likelihood, with profile-likelihood intervals."""
+"""The maximum-likelihood fit of a noise model to a static recording, with profile-likelihood
+intervals."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -24,48 +25,56 @@ from lbgc.sensor.instability import allan_minimum
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """What was fitted to what: densities of the recording and of the model, (M,), unit^2 s."""
+    """The spectrum of a recording and that of the model fitted to it, at M frequencies."""
 
     f: np.ndarray
-    """Hz"""
+    """(M,), frequencies, Hz"""
     recorded: np.ndarray
+    """(M,), density of the recording, unit^2 s"""
     model: np.ndarray
+    """(M,), density of the model, unit^2 s"""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model of one axis, SI units."""
+    """A fitted noise model of one axis, SI units."""
 
     shapes: list[Shape]
+    """The terms of the model"""
     estimates: dict[str, FittedParameter]
+    """Each parameter's value and interval, by its name"""
     bic: float
+    """Bayesian information criterion of the model"""
     ramp: FittedParameter
-    """Slope R of a linear drift R t, given the rest of the model: a random walk may explain it as
-    well."""
+    """Slope R of a linear drift R t, unit/s, given the rest of the model: a random walk may explain
+    it as well."""
     tones: tuple[Tone, ...]
+    """The sinusoids, which were left out of the spectrum"""
     goodness: Goodness | None = None
     """How well the model explains the recording; None where that was not asked."""
     spectrum: Spectrum | None = None
+    """The spectra of recording and model; None where they were not asked."""
     short_corners: dict[float, float] = field(default_factory=dict)
     """Twice the log-likelihood by the bias instability's shorter corner, s; see `corner`."""
     courses: tuple[MeanChange, ...] = ()
-    """What the mean does beyond noise: taken out before the noise was fitted."""
+    """The mean's changes beyond noise, which were taken out before the noise was fitted."""
     counts: Counts | None = None
-    """The samples' counts, where they have any."""
+    """The samples' counts; None where they have none that matter."""
     rounding: float = 0.0
-    """Density of the samples' rounding, beside the terms: unit^2 s."""
+    """Density of the samples' rounding noise, which is no term of the model: unit^2 s."""
     is_cut_short: bool = False
-    """Whether the search for terms had more to try when it ended."""
+    """Whether the search for terms ended before it had tried all models."""
 
     @property
     def printed(self) -> gaussian.Gaussians:
-        """The fitted terms and the samples' rounding: the noise of what was printed."""
+        """The noise of the printed samples: the fitted terms and the samples' rounding."""
         own = (noise.White(float(np.sqrt(self.rounding))),) if self.rounding > 0 else ()
         return (*self.terms(), *own)
 
     @property
     def everything(self) -> tuple[InRun, ...]:
-        """All that was found, the drift and the tones besides."""
+        """All in-run errors that were found: the printed samples' noise, the drift (unless it is
+        only an upper limit) and the tones."""
         tones = tuple(Sinusoid(tone.amplitude, tone.f) for tone in self.tones)
         ramp = () if self.ramp.is_limit else (Ramp(self.ramp.value),)
         return (*self.printed, *ramp, *tones)
@@ -79,14 +88,15 @@ class Fit:
 
     @property
     def allan_minimum(self) -> tuple[float, float]:
-        """The lowest point of the Allan deviation of N, B and K, unit, and its averaging time, s;
-        what the data cannot tell from zero is zero, as the sensor's file has it."""
+        """The minimum of the Allan deviation of N, B and K, unit, and its averaging time, s. A
+        coefficient that the data cannot tell from zero is zero, as in the sensor's file."""
         told = (self.estimates[name] for name in ("N", "B", "K"))
         n, b, k = (0.0 if e.is_limit else e.value for e in told)
         return allan_minimum(n, b, k, self.corners)
 
     def terms(self) -> gaussian.Gaussians:
-        """The fitted terms, at the maximum of the likelihood."""
+        """The fitted terms with their parameters at the maximum of the likelihood, without those
+        whose coefficient is zero."""
         return tuple(
             shape.build(*(self.estimates[name].value for name in shape.names))
             for shape in self.shapes
@@ -95,16 +105,16 @@ class Fit:
 
 
 def fit(data: Ordinates, shapes: list[Shape], start: dict[str, float] | None = None) -> Fit:
-    """Fit these parts and give each parameter its interval.
+    """Fit a model of these terms, with an interval for each parameter.
 
-    start : first guesses of shape parameters, SI; coefficients start from the data.
+    start : first guesses of parameters, SI; coefficients without one start from the data.
     """
     begun = try_out(data, shapes, start or {})
     likelihood = Likelihood(data, shapes, begun.values)
     p, best = likelihood.minimise(np.log([begun.values[name] for name in likelihood.names]))
     estimates = {name: interval(likelihood, p, best, i) for i, name in enumerate(likelihood.names)}
     if "N" in estimates:
-        estimates["N"] = _allowing(data, shapes, begun.values, estimates["N"], best)
+        estimates["N"] = _with_unseen_terms(data, shapes, begun.values, estimates["N"], best)
     return Fit(
         shapes,
         estimates,
@@ -121,9 +131,11 @@ def choose(
     say: Callable[[str], None] = lambda what: None,
     found: Fit | None = None,
 ) -> Fit:
-    """Fit the core and whatever else the data ask for; see `lbgc.sensor.fitting.search`.
+    """Fit the core and the further terms that improve the likelihood enough, with intervals; see
+    `lbgc.sensor.fitting.search`.
 
-    say : told what is being tried; found : of data that differ little, to go on from.
+    corners : s, of the bias instability's floor; say : is told what is being tried; found : a fit
+    of data that differ little, from which the search starts.
     """
     values = {} if found is None else {name: e.value for name, e in found.estimates.items()}
     best = search(data, corners, say, None if found is None else (found.shapes, values))
@@ -131,12 +143,12 @@ def choose(
     return replace(fit(data, best.shapes, best.values), is_cut_short=best.is_cut_short)
 
 
-def _allowing(
+def _with_unseen_terms(
     data: Ordinates, shapes: list[Shape], values: dict[str, float], n: FittedParameter, best: float
 ) -> FittedParameter:
-    """White noise's interval, with an allowance for what the log does not show but may have: a
-    filter too fast for it, a quantisation too fine. Models with one of these are weighed by
-    their likelihood, and the interval is that of the mixture."""
+    """White noise with an interval that allows for terms that the sensor may have although the log
+    does not show them: a filter too fast for the samples, or a quantisation too fine. Models with
+    one of these are weighted by their likelihood, and the interval is that of the mixture."""
     if n.is_limit or n.is_lower_limit:
         return n
     white = next(s for s in shapes if s.names[0] == "N")
@@ -155,7 +167,7 @@ def _allowing(
         at = likelihood.names.index("N")
         centres.append(max(p[at], centres[0] - 3))
         sigma = np.sqrt(max(likelihood.covariance(p, keep=[at])[at, at], 0.0))
-        sigmas.append(min(sigma, 1.0))  # a factor of 2.7 either way is no knowledge at all
+        sigmas.append(min(sigma, 1.0))  # at most a factor of 2.7 either way
         gains.append(max(2 * (best - likelihood.value(p)), 0.0))
     weights = np.exp((np.array(gains) - max(gains)) / 2)
     ends = mixture_quantiles(weights / weights.sum(), centres, sigmas, (0.025, 0.975, 0.95))
@@ -163,8 +175,9 @@ def _allowing(
 
 
 def judged(series: np.ndarray, data: Ordinates, fit: Fit) -> Fit:
-    """The fit with its goodness. Where the model fails, every interval is as wide as the bands of
-    the spectrum differ about its parameter. series : (R, n), what the data are of."""
+    """The fit with its goodness of fit, the spectra and the profile of the shorter corner. Where
+    the model fails, each interval is widened by how much the bands of the spectrum disagree about
+    its parameter. series : (R, n), unit, the series that the data were made of."""
     values = {name: e.value for name, e in fit.estimates.items()}
     goodness = judge(series, data, fit.shapes, values)
     felt = [s for s in fit.shapes if values[s.names[0]] > 0]
@@ -182,7 +195,8 @@ def judged(series: np.ndarray, data: Ordinates, fit: Fit) -> Fit:
 
 
 def _ramp(likelihood: Likelihood, p: np.ndarray) -> FittedParameter:
-    """Generalised least squares of a straight line in the low coefficients."""
+    """The slope of a straight line, unit/s, by generalised least squares in the low cosine
+    coefficients of the first recording, at log-parameters p of the noise."""
     d = likelihood.data
     time = (np.arange(d.n) + 0.5) * d.dt
     lows = d.low.shape[1]

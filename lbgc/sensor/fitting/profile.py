@@ -1,4 +1,5 @@
-"""Intervals of fitted parameters: where the likelihood, the others maximised, falls off."""
+"""Intervals of fitted parameters from the profile likelihood, which is the likelihood as a function
+of one parameter with the others at their best."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,30 +10,39 @@ import scipy.stats
 
 from lbgc.sensor.fitting.likelihood import Likelihood
 
-TWO_SIDED, ONE_SIDED = 3.841, 2.706  # 95% points of the likelihood ratio
-_SHARP = 0.04  # of a log-parameter's standard error, below which its likelihood is a parabola
+TWO_SIDED, ONE_SIDED = 3.841, 2.706
+"""Thresholds of twice the log-likelihood ratio for 95%."""
+_SHARP = 0.04
+"""Standard error of a log-parameter below which its log-likelihood is taken as a parabola."""
 
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A parameter, SI: its value and two-sided 95% interval. Where the data cannot tell it from
-    zero (at 95%, one-sided), `low` is zero and only the upper limit means anything; where they
-    cannot tell it from infinity, `high` is infinite and only `low` means anything. Where they tell
-    nothing of it, both are so, and the value is what they look like."""
+    """An estimated parameter, SI: its value and two-sided 95% interval.
+
+    Where the data cannot tell it from zero (at 95%, one-sided), `low` is zero and only the upper
+    limit is meaningful. Where they cannot tell it from infinity, `high` is infinite and only `low`
+    is meaningful. Where they tell nothing of it, both hold, and the value is only what they look
+    like.
+    """
 
     value: float
+    """The estimate"""
     low: float
+    """Lower end of the two-sided 95% interval"""
     high: float
+    """Upper end of the two-sided 95% interval"""
     upper: float
-    """One-sided 95% upper limit."""
+    """One-sided 95% upper limit"""
 
     @property
     def is_limit(self) -> bool:
-        """Whether it is an upper limit."""
+        """Whether it is only an upper limit."""
         return self.low == 0.0
 
     @property
     def is_lower_limit(self) -> bool:
+        """Whether it is only a lower limit."""
         return bool(np.isinf(self.high))
 
     @property
@@ -44,7 +54,8 @@ class FittedParameter:
 def mixture_quantiles(
     weights: Sequence[float], centres: Sequence[float], sigmas: Sequence[float], at: Sequence[float]
 ) -> np.ndarray:
-    """Quantiles of a mixture of normal laws."""
+    """Quantiles, at the probabilities `at`, of a mixture of normal laws with these weights (whose
+    sum is 1), means and standard deviations."""
     centre, sigma = np.array(centres), np.array(sigmas)
     x = np.linspace((centre - 5 * sigma).min(), (centre + 5 * sigma).max(), 4001)
     below = scipy.stats.norm.cdf((x[:, None] - centre) / sigma) @ np.array(weights)
@@ -52,8 +63,8 @@ def mixture_quantiles(
 
 
 def widened(e: FittedParameter, by: float) -> FittedParameter:
-    """The estimate with its interval's ends so many times as far away, on the scale of logarithms;
-    limits of what may be zero, as far as they are."""
+    """The estimate with the ends of its interval `by` times as far away on a logarithmic scale.
+    Where the value is zero, its upper limits are multiplied by the factor."""
     if e.value == 0 or by == 1:
         return FittedParameter(e.value, e.low, e.high * by, e.upper * by)
     ends = [e.value * (end / e.value) ** by for end in (e.low, e.high, e.upper)]
@@ -61,7 +72,11 @@ def widened(e: FittedParameter, by: float) -> FittedParameter:
 
 
 def interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> FittedParameter:
-    """The 95% interval of exp(p[i])."""
+    """The estimate exp(p[i]) of parameter i with its 95% interval.
+
+    p : (P,), the log-parameters at the maximum of the likelihood; best : minus the log-likelihood
+    there.
+    """
     centre, name = float(p[i]), likelihood.names[i]
     covariance = likelihood.covariance(p, keep=[i])
     sigma = float(np.sqrt(max(covariance[i, i], 0.0)))
@@ -73,7 +88,8 @@ def interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Fitt
     still = {j: float(p[j]) for j in _unrelated(covariance, i)}
 
     def excess(x: float) -> float:
-        """Likelihood ratio at the fixed log-value, the others maximised."""
+        """Twice the log-likelihood ratio of the maximum to the log-value x of parameter i, with the
+        other parameters at their best."""
         x = min(max(x, likelihood.least[i]), likelihood.most[i])
         if x not in known:
             nearest = min(warm, key=lambda at: abs(at - x))
@@ -92,7 +108,7 @@ def interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Fitt
     if at_zero >= ONE_SIDED and centre > likelihood.least[i]:
         low = _crossing(excess, centre, -1, min(TWO_SIDED, at_zero), sigma)
     value = float(np.exp(centre)) if at_zero > 1e-3 else 0.0
-    # At an end of a parameter's range the data tell no more than that it is beyond.
+    # Where the interval reaches an end of the parameter's range, it is open on that side.
     low = -np.inf if low <= likelihood.least[i] else low
     high = np.inf if high >= likelihood.most[i] else high
     upper = min(upper, likelihood.most[i])
@@ -100,8 +116,8 @@ def interval(likelihood: Likelihood, p: np.ndarray, best: float, i: int) -> Fitt
 
 
 def _unrelated(covariance: np.ndarray, i: int) -> np.ndarray:
-    """The parameters whose errors have nothing to do with those of parameter i: left where they
-    are, they change its likelihood by a thousandth."""
+    """The parameters whose errors are not correlated (below 0.03) with those of parameter i. Held
+    where they are, they change its likelihood by a thousandth."""
     sigmas = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore"):
         related = np.abs(covariance[i] / (sigmas * sigmas[i]))
@@ -109,15 +125,16 @@ def _unrelated(covariance: np.ndarray, i: int) -> np.ndarray:
 
 
 def _freedom(likelihood: Likelihood, p: np.ndarray, i: int) -> float:
-    """As many chi-squared degrees of freedom would tell parameter i as well: half its Fisher
-    information, the others unknown."""
+    """The degrees of freedom of a chi-squared variance that would be known as well as parameter i:
+    half its Fisher information, the others unknown."""
     return float(1 / max(likelihood.covariance(p, keep=[i])[i, i], 1e-12) / 2)
 
 
 def _one_sided(freedom: float) -> float:
-    """The likelihood ratio at the 95% upper limit of a variance known with so many degrees of
-    freedom: with r = freedom/chi^2_5%, freedom (ln r + 1/r - 1). It tends to 2.706; a random walk
-    that only a handful of coefficients tell has 4, and 3.6: the usual 2.706 would hold 92%."""
+    """Twice the log-likelihood ratio at the 95% upper limit of a variance that is known with this
+    many degrees of freedom: with r = freedom/chi^2_5%, freedom (ln r + 1/r - 1). It tends to 2.706.
+    A random walk of which only a few coefficients tell has 4 degrees of freedom, and 3.6; the usual
+    2.706 would hold only 92%."""
     freedom = min(max(freedom, 0.5), 1e6)
     r = freedom / scipy.stats.chi2.ppf(0.05, freedom)
     return float(freedom * (np.log(r) + 1 / r - 1))
@@ -126,8 +143,8 @@ def _one_sided(freedom: float) -> float:
 def _crossing(
     excess: Callable[[float], float], centre: float, side: int, threshold: float, sigma: float
 ) -> float:
-    """Where the likelihood ratio reaches the threshold on one side of the maximum. The first guess
-    is the parabola's, if there is one."""
+    """The log-value at which `excess` reaches the threshold on one side of the maximum `centre`:
+    side +1 above, -1 below. The first guess is that of a parabola, where sigma is finite."""
     inner = centre
     step = min(max(sigma * np.sqrt(threshold), 0.02), 1.0) if np.isfinite(sigma) else 0.5
     for _ in range(12):

@@ -1,8 +1,8 @@
-"""What a search for terms tries next: a term more or fewer, lines split, merged or made resonances,
-and what stands above the model in the spectrum.
+"""The models that a search for terms tries next: with a term more or less, with lines split, merged
+or made resonances, and with lines at the peaks of the spectrum above the model.
 
-Shapes found so far are kept as guesses. Each proposal is the parts of a model and where their
-parameters start.
+Each proposal is the terms of a model and the values at which their parameters start. Shape
+parameters that were found so far are kept as such values.
 """
 
 from collections.abc import Iterator
@@ -29,18 +29,21 @@ from lbgc.sensor.fitting.shapes import (
 from lbgc.sensor.fitting.trial import Trial
 
 MOST_TERMS = 12
+"""Terms of a model, at most."""
 _WINDOWS = (1, 2, 4, 8, 16, 32, 64, 128)
+"""Widths, in ordinates, over which the spectrum is smoothed to find peaks."""
 _PEAK = 15.0
-"""Gain in log-likelihood that a peak must promise to be tried; noise alone reaches it once in some
+"""Gain in log-likelihood that a peak must promise to be tried. Noise alone reaches it once in some
 400 spectra, and a line must gain more to stay."""
 
 Option = tuple[list[Shape], dict[str, float]]
+"""A proposal: the terms of a model, and start values of parameters, SI, by name."""
 
 
 def extensions(data: Ordinates, best: Trial) -> Iterator[Option]:
-    """The model with one part more, each way; a filter also together with a line, since either
-    may hide the other. Shapes found so far are kept as guesses, and coefficients guessed afresh:
-    a model that lacked a part may have pushed them to zero."""
+    """The model with one term more, in each possible way; a filter also together with a line, since
+    either may hide the other. Shape parameters found so far are kept as start values. Coefficients
+    are guessed anew, because a model that lacked a term may have pushed them to zero."""
     own = {s.names[0] for s in best.lines}
     known = {n: v for n, v in best.values.items() if n in own or _is_shape(n)}
     if not best.has(QUANTISATION):
@@ -68,11 +71,13 @@ def extensions(data: Ordinates, best: Trial) -> Iterator[Option]:
 
 
 def _is_shape(name: str) -> bool:
+    """Whether a parameter is kept as a start value when a term is added."""
     return name.startswith(("line_", "GM_T", "bandwidth", "damping"))
 
 
 def reductions(best: Trial) -> Iterator[Option]:
-    """The model without each of its optional parts, and with each pair of lines as one."""
+    """The model without each of its optional terms in turn, and with each pair of neighbouring
+    lines merged into one."""
     for shape in best.shapes:
         rest = [s for s in best.shapes if s is not shape]
         values = {n: v for n, v in best.values.items() if n not in shape.names or n == "N"}
@@ -98,8 +103,9 @@ def reductions(best: Trial) -> Iterator[Option]:
 
 
 def without_pedestals(data: Ordinates, best: Trial) -> Iterator[Option]:
-    """The model without those of its lines that are as wide as lines may be, or stand about a
-    narrower one: together they may imitate an output filter, or the flanks of a resonance."""
+    """The model without its pedestals, the lines that are as wide as lines may be or that surround
+    a narrower one: together they may imitate an output filter, or the flanks of a resonance. So a
+    filter is put in their place, or lines are turned into resonances."""
     rest = [s for s in best.shapes if not is_line(s) or not _is_pedestal(s, best)]
     if len(rest) == len(best.shapes):
         return
@@ -115,13 +121,15 @@ def without_pedestals(data: Ordinates, best: Trial) -> Iterator[Option]:
 
 
 def _is_pedestal(shape: Shape, best: Trial) -> bool:
+    """Whether a line is nearly as wide as lines may be, or wide and around a narrower line."""
     f0, width = (best.values[n] for n in shape.names[1:])
     others = ([best.values[n] for n in s.names[1:]] for s in best.lines if s is not shape)
     return width > 0.8 * WIDEST * f0 or any(abs(f - f0) < width > 1.5 * w for f, w in others)
 
 
 def splits(best: Trial) -> Iterator[Option]:
-    """The model with a line made two: side by side, or a sharp one on a wide one."""
+    """The model with one of its lines split into two, side by side or a narrow one on a wide
+    one."""
     another = line(1 + len(best.lines))
     for shape in best.lines if len(best.shapes) < MOST_TERMS else ():
         sigma, f0, width = (best.values[n] for n in shape.names)
@@ -139,7 +147,8 @@ def splits(best: Trial) -> Iterator[Option]:
 
 
 def other_flanks(best: Trial) -> Iterator[Option]:
-    """The model with a line a resonance, or the other way, each and all of them."""
+    """The model with lines of two poles turned into resonances of one pole, and the other way: all
+    of them, and each alone."""
     turned = {id(s): line(i + 1, 3 - poles(s)) for i, s in enumerate(best.lines)}
     yield [turned.get(id(s), s) for s in best.shapes], best.values
     for shape in best.lines if len(best.lines) > 1 else ():
@@ -147,8 +156,11 @@ def other_flanks(best: Trial) -> Iterator[Option]:
 
 
 def peaks(data: Ordinates, model: np.ndarray, most: int = 3) -> list[tuple[float, float, float]]:
-    """Where the spectrum stands highest above the model, smoothed over windows of several widths:
-    a line's rms, frequency and width for each such place, the most promising first."""
+    """The peaks of the spectrum above the model, smoothed over windows of several widths: for each
+    the rms (unit), the frequency (Hz) and the width (Hz) of a line, the most promising first.
+
+    model : (M,), density at every ordinate, unit^2 s; most : the largest number of peaks.
+    """
     count, power = data.count, data.power / model
     total = np.concatenate([[0.0], np.cumsum(power)])
     number = np.concatenate([[0.0], np.cumsum(count)])
@@ -175,6 +187,7 @@ def peaks(data: Ordinates, model: np.ndarray, most: int = 3) -> list[tuple[float
 
 
 def _peak(data: Ordinates, model: np.ndarray, begin: int, end: int) -> tuple[float, float, float]:
+    """The rms, frequency and width of a line from the excess of ordinates begin to end - 1."""
     inside, f = slice(begin, end), data.grid.f
     excess = (data.power / data.count - model)[inside] * data.grid.width[inside]
     weight = np.maximum(excess, 0)

@@ -1,5 +1,5 @@
-"""One axis of a resting IMU, fitted as it comes: what its mean does beyond noise is taken out
-first, and what its counts do to the noise is accounted for."""
+"""The noise fit of one axis of a resting IMU as recorded: changes of the mean that noise does not
+explain are taken out first, and the effect of counts on the noise is allowed for."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,8 +15,10 @@ from lbgc.sensor.fitting.profile import FittedParameter
 from lbgc.sensor.fitting.shapes import QUANTISATION, core
 from lbgc.sensor.noise import AngleQuantisation
 
-_FLICKER = 0.02  # of N under coarse counts, 1 sigma
-_HIDDEN = 0.9  # of a slow change, that counts may take away, above which they tell nothing of it
+_FLICKER = 0.02
+"""Relative error of N under coarse counts, 1 sigma, from flicker that is taken for white noise."""
+_HIDDEN = 0.9
+"""Share of a slow change that counts may hide, above which the counts tell nothing of it."""
 
 
 def fitted(
@@ -25,8 +27,11 @@ def fitted(
     corners: tuple[float, float],
     say: Callable[[str], None] = lambda what: None,
 ) -> Fit:
-    """series : (R, n), unit, recordings of one axis; dt : s; corners : s, of the bias instability's
-    floor; say : told what is being tried."""
+    """Fit the noise of one axis.
+
+    series : (R, n), unit, R recordings of the axis; dt : s; corners : s, of the bias instability's
+    floor; say : is told what is being tried.
+    """
     say("counts and warm-up")
     seen = counts.judged(series[0])
     settled = [warmup.taken_out(one, dt, corners, len(series)) for one in series]
@@ -43,7 +48,7 @@ def fitted(
         fit = choose(data, corners, say, fit)
     say("goodness of fit")
     found = judged(rest, data, fit)
-    if seen is not None and seen.hides_noise:  # a Gaussian spectrum is no model of such counts
+    if seen is not None and seen.hides_noise:  # no Gaussian model describes such counts
         no_vote = dict.fromkeys(found.short_corners, 0.0)
         found = replace(found, estimates=fit.estimates, goodness=None, short_corners=no_vote)
     fit = found
@@ -56,25 +61,27 @@ def fitted(
 
 
 def _is_carried(fit: Fit, angle: float) -> bool:
-    """Whether angle quantisation of a count's size was found: that is how a count looks whose rest
-    is carried over, and then no rounding is to be taken out. angle : of a count, unit s."""
+    """Whether the fit found angle quantisation as large as a count's, which shows that the counts'
+    remainder is carried over; then no rounding noise is to be taken out. angle : of a count, unit
+    s."""
     quantisation = fit.estimates.get("Q")
     least = 0.9 * AngleQuantisation.of_count(angle).Q
     return quantisation is not None and quantisation.high > least
 
 
 def _slope(size: float, sigma: float) -> FittedParameter:
+    """The slope of a ramp, unit/s, with its interval from a normal law."""
     size = abs(size)
     low = max(size - 1.96 * sigma, 0.0)
     return FittedParameter(size, low, size + 1.96 * sigma, size + 1.645 * sigma)
 
 
 def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
-    """The fit with what counts coarser than the noise leave of it: N by their own likelihood, or
-    withheld where the noise is not white, and what is slow with intervals as wide as a slow change
-    may be seen too large or too small."""
+    """The fit as far as it holds where counts are coarser than the noise. N comes from the counts'
+    own likelihood, or is withheld where the noise is not white. Intervals of slow terms are widened
+    by the share by which counts may show a slow change too large or too small."""
     if seen.kind == "beating":
-        return _of_beats(fit, seen.lsb, dt)
+        return _beating(fit, seen.lsb, dt)
     if not seen.hides_noise:
         return fit
     coefficients = {shape.names[0] for shape in fit.shapes} - {"N", "Q"}
@@ -86,7 +93,8 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     if seen.kind == "memory":
         estimates["N"] = _withheld(fit.estimates["N"])
     else:
-        # What the log does not show but may have (a filter too fast for it) it has here, too.
+        # The allowance for terms that the log does not show (a filter too fast for it) holds here,
+        # too: the upper ends are at least as far away as the fit's.
         e, value = fit.estimates["N"], seen.sigma * scale
         room = 1.0 if e.is_limit or e.is_lower_limit else e.high / e.value
         low, high, upper = (_blunted(end, seen.sigma) for end in (seen.low, seen.high, seen.upper))
@@ -95,8 +103,8 @@ def _through_counts(fit: Fit, seen: Counts, dt: float) -> Fit:
     return replace(fit, estimates=estimates, ramp=_blurred(fit.ramp, seen.blur))
 
 
-def _of_beats(fit: Fit, lsb: float, dt: float) -> Fit:
-    """What is known of an axis whose counts beat: their quantisation, and nothing else."""
+def _beating(fit: Fit, lsb: float, dt: float) -> Fit:
+    """The fit of an axis whose counts beat with the mean rate: only their quantisation is known."""
     quantisation = AngleQuantisation.of_count(lsb * dt)
     told = {name: FittedParameter(0.0, 0.0, np.inf, np.inf) for name in fit.estimates}
     told["Q"] = FittedParameter(*[quantisation.Q] * 4)
@@ -107,8 +115,8 @@ def _of_beats(fit: Fit, lsb: float, dt: float) -> Fit:
 
 
 def _blunted(end: float, sigma: float) -> float:
-    """An end of an interval of sigma, as far away as if sigma were unsure by another 2%: noise that
-    counts' likelihood takes for white has a share of flicker."""
+    """An end of sigma's interval, moved out as if sigma had another error of 2%, because the
+    likelihood of the counts takes all noise for white, and some of it is flicker."""
     if end == 0 or end == sigma:
         return end
     off = np.log(end / sigma)
@@ -116,11 +124,14 @@ def _blunted(end: float, sigma: float) -> float:
 
 
 def _blurred(e: FittedParameter, blur: float) -> FittedParameter:
+    """The estimate with its interval widened, because counts may change a slow change by the share
+    `blur`; withheld where they may hide it."""
     if blur > _HIDDEN:
         return _withheld(e)
     return FittedParameter(e.value, e.low / (1 + blur), e.high / (1 - blur), e.upper / (1 - blur))
 
 
 def _withheld(e: FittedParameter) -> FittedParameter:
-    """A figure that the data do not tell: its value is what they look like."""
+    """The estimate without an interval, because the data do not tell the figure; its value is only
+    what they look like."""
     return FittedParameter(e.value, 0.0, np.inf, np.inf)

@@ -1,12 +1,12 @@
-"""Which terms a recording's noise is made of.
+"""The search for the terms that a recording's noise is made of.
 
-From the core (white noise, bias instability, random walk) terms are added one by one, where the
-likelihood gains more by them than chance would give in one log of some hundreds: an angle
-quantisation, an output filter, a Gauss-Markov process, lines where the spectrum stands above the
-model. Such a search sticks: two lines close to each other look like one, and a line hides a filter.
-So what was found is also shaken: lines split and merge, every term is left out in turn, those that
-imitate a filter or a flank are left out together, and where peaks remain the search starts a second
-time from all of them at once.
+It begins with the core (white noise, bias instability, random walk) and adds terms one by one where
+the likelihood gains more by them than it would by chance in one log of some hundreds: an angle
+quantisation, an output filter, a Gauss-Markov process, lines where the spectrum exceeds the model.
+Such a search may end at a model that is not the best: two lines close to each other look like one,
+and a line hides a filter. So the model found is also changed in other ways: lines are split and
+merged, every term is left out in turn, and terms that imitate a filter or a line's flank are left
+out together. Where peaks remain, the search starts a second time from all of them at once.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,12 +30,15 @@ from lbgc.sensor.fitting.shapes import Shape, core, is_line, line, renumbered
 from lbgc.sensor.fitting.trial import Trial, is_narrow, is_sensible, try_out
 
 _ROUNDS = 12
+"""Rounds of leaving out, splitting and merging terms, at most."""
 _MOST_TRIALS = 600
-"""Models that one search tries, at most; an axis with some ten lines takes 200 to 600. It bounds a
-fit's time: counts coarser than the noise beat with the mean rate, in lines without end."""
+"""Models that one search tries, at most; an axis with some ten lines takes 200 to 600. It bounds
+the time of a fit, since counts coarser than the noise beat with the mean rate and make lines
+without end."""
 _GLANCE, _ROUGH, _PROMISING, _FINE = 5, 10, 10, 4
-"""Steps of each trial; steps, and how many, of those that promise most; how many of these are
-fitted. With two of them a real axis ended 6,700 BIC units above its best, N 2% low."""
+"""Scoring steps of each trial; scoring steps of the most promising trials, and the number of these;
+the number of these that are fitted fully. With two fitted fully, a real axis ended 6,700 BIC units
+above its best, and N was 2% low."""
 
 
 def search(
@@ -44,9 +47,10 @@ def search(
     say: Callable[[str], None] = lambda what: None,
     found: Option | None = None,
 ) -> Trial:
-    """The model that explains the data best.
+    """Search for the model that explains the data best.
 
-    say : told what is being tried; found : the model of data that differ little, to go on from.
+    corners : s, of the bias instability's floor; say : is told what is being tried; found : the
+    model of data that differ little, from which the search starts.
     """
     course = _Search(data, say)
     begin = try_out(data, core(corners), {})
@@ -54,7 +58,7 @@ def search(
         best = course.shaken(course.grown(try_out(data, *found)))
         return replace(best, is_cut_short=course.left <= 0)
     best = course.shaken(course.grown(begin))
-    if peaks(data, best.model):  # it may have stuck
+    if peaks(data, best.model):  # a better model may have been missed
         together = course.all_peaks(begin)
         if together.lines:
             other = course.shaken(course.grown(together))
@@ -64,14 +68,18 @@ def search(
 
 @dataclass
 class _Search:
-    """One search's way through the models, and what it may still try."""
+    """The state of one search: the data, and how many models it may still try."""
 
     data: Ordinates
+    """The ordinates that models are fitted to"""
     say: Callable[[str], None]
+    """Is told what is being tried"""
     left: int = _MOST_TRIALS
+    """Number of models that may still be tried"""
 
     def best(self, options: Sequence[Option]) -> list[Trial]:
-        """The most promising of a short trial of each, fitted; sensible ones only."""
+        """The best of several models, fitted and ranked: each is tried with few steps, the most
+        promising are fitted fully, and those that are not sensible are left out."""
         if self.left <= 0:
             return []
         self.left -= len(options)
@@ -89,12 +97,13 @@ class _Search:
         return self.ranked(fine)
 
     def ranked(self, trials: Iterable[Trial]) -> list[Trial]:
-        """Sensible ones first, by their cost: a line that was made wide explains much, too."""
+        """Trials by their cost, the sensible ones first: a line that became wide explains much, but
+        is not sensible."""
         finite = [t for t in trials if np.isfinite(t.cost)]
         return sorted(finite, key=lambda t: (not is_sensible(t, self.data), t.cost))
 
     def grown(self, best: Trial) -> Trial:
-        """The model with terms added while that gains."""
+        """The model with terms added one by one for as long as the cost falls."""
         while len(best.shapes) < MOST_TERMS:
             self.say(f"{len(best.shapes)} terms, one more")
             trials = self.best(list(extensions(self.data, best)))
@@ -104,7 +113,8 @@ class _Search:
         return best
 
     def shaken(self, best: Trial) -> Trial:
-        """Terms left out, lines split and merged, while any of that gains."""
+        """The model with terms left out, lines split, merged or given other flanks, for as long as
+        the cost falls."""
         for _ in range(_ROUNDS):
             self.say(f"{len(best.shapes)} terms, shaken")
             fewer = self.best([*reductions(best), *without_pedestals(self.data, best)])
@@ -120,7 +130,8 @@ class _Search:
         return best
 
     def all_peaks(self, begin: Trial) -> Trial:
-        """The core and a line at every peak above the spectrum's local level, at once."""
+        """The core with a line at each of up to eight peaks above the spectrum's local level,
+        fitted together; lines that become wide are left out."""
         self.say("all peaks at once")
         spectrum = self.data.power / self.data.count
         level = scipy.ndimage.median_filter(spectrum, 101, mode="nearest")

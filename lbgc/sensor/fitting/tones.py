@@ -1,4 +1,4 @@
-"""Sinusoids among the ordinates of a spectrum, found and left out."""
+"""Detection of sinusoids in a spectrum, whose ordinates are then left out."""
 
 from dataclasses import dataclass
 
@@ -6,51 +6,57 @@ import numpy as np
 import scipy.stats
 
 _GROUP = 200
+"""Ordinates in a group of which the median is taken."""
 _SMOOTHED = 5
+"""Groups over which the medians are smoothed."""
 _FALSE = 0.003
-"""Chance of a tone in a recording that has none, at the most."""
+"""Chance, at most, that a tone is found in a recording that has none."""
 
 
 @dataclass(frozen=True)
 class Tone:
-    """A spectral line too narrow to resolve: a sinusoid."""
+    """A sinusoid, that is a spectral line too narrow to be resolved."""
 
     f: float
-    """Hz"""
+    """Frequency, Hz"""
     amplitude: float
-    """unit"""
+    """Amplitude, unit"""
 
 
 @dataclass(frozen=True)
 class Sifted:
-    """What became of the ordinates."""
+    """The result of looking for tones among m ordinates."""
 
     tones: tuple[Tone, ...]
+    """The tones that were found"""
     plain: np.ndarray
-    """(m,), which ordinates are free of them"""
+    """(m,), whether an ordinate is free of tones"""
     narrow: np.ndarray
-    """the k of peaks that are lines, narrow ones"""
+    """Numbers k of the peaks that are narrow lines, and no tones"""
 
 
 def sift(fine: np.ndarray, k: np.ndarray, n: int, dt: float, recordings: int) -> Sifted:
-    """Tell tones from what wanders.
+    """Find the tones among ordinates, and tell them from narrow lines.
 
-    fine : (m,), squares summed over the recordings, unit^2 s; k : (m,), which ordinates of n.
+    fine : (m,), squares of coefficients summed over the recordings, unit^2 s; k : (m,), their
+    numbers, of n; n, dt : samples of a recording and their interval, s.
 
-    An ordinate far above its neighbourhood's level is a tone's. A sinusoid's energy, n
-    amplitude^2/2, falls into a handful of neighbours (86% or more into five); what samples show of
-    it is amplitude x sinc(f dt). A peak that spreads wider wanders: it is a line, and stays.
+    An ordinate far above the level around it belongs to a peak. The energy of a sinusoid, n
+    amplitude^2/2, falls into a few neighbouring ordinates (86% or more into five), where samples
+    show the amplitude times sinc(f dt). A wider peak is one whose frequency wanders: it is a line,
+    and stays in the spectrum.
     """
     if len(fine) < _GROUP:
         return Sifted((), np.ones(len(fine), bool), np.zeros(0, int))
-    level = _level(fine, recordings)  # of one recording's ordinates
+    level = _level(fine, recordings)  # for one recording
     peaks = np.flatnonzero(fine > level * scipy.stats.chi2.isf(_FALSE / len(fine), recordings))
     clusters = np.split(peaks, np.flatnonzero(np.diff(peaks) > 20) + 1) if len(peaks) else []
     plain = np.ones(len(fine), bool)
     found, wandering = [], np.zeros(0, int)
     for cluster in sorted(clusters, key=lambda c: -np.max(fine[c])):
         top = cluster[np.argmax(fine[cluster])]
-        # Its leakage falls as energy/(pi distance)^2: left out to a twentieth of the noise.
+        # Its leakage falls as energy/(pi distance)^2. Ordinates are left out as far as it exceeds a
+        # twentieth of the noise.
         reach = int(np.sqrt(2 * np.sum(fine[cluster]) / recordings / level[top]))
         reach = min(max(reach, 6), len(fine) // 50)
         around = slice(max(cluster[0] - reach, 0), cluster[-1] + reach + 1)
@@ -67,9 +73,9 @@ def sift(fine: np.ndarray, k: np.ndarray, n: int, dt: float, recordings: int) ->
 
 
 def _level(fine: np.ndarray, recordings: int) -> np.ndarray:
-    """The noise around each ordinate, of one recording: the medians of groups, and those smoothed
-    over five groups where that is more. A median of 200 alone is 12% off, which would let three
-    times as many through as were meant to."""
+    """The level of the noise around each ordinate, (m,), for one recording: the medians of groups,
+    or these smoothed over five groups where that is more. The median of 200 ordinates alone errs by
+    12%, which would find three times as many false tones as stated."""
     groups = len(fine) // _GROUP
     halves = scipy.stats.chi2.median(recordings)
     medians = np.median(fine[: groups * _GROUP].reshape(groups, -1), axis=1) / halves

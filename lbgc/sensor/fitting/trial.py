@@ -1,4 +1,4 @@
-"""A model tried on an axis' ordinates: its terms, what their parameters came to, and its cost."""
+"""A trial of a model on an axis's ordinates: its terms, their fitted parameters, and its cost."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,34 +10,38 @@ from lbgc.sensor.fitting.ordinates import Ordinates
 from lbgc.sensor.fitting.shapes import BUTTERWORTH_WHITE, Shape, given_damping, is_line
 
 _COSTS = {"Q": 8.0, "N": 17.0, "fast": 8.0, "GM_sigma": 17.0, "line_sigma": 34.0}
-"""What a term must gain in twice the log-likelihood: chi-squared with its parameters' number of
-degrees of freedom exceeds that in a few of a thousand logs; a line's, over all places and widths
-where one could be."""
+"""What a term must gain in twice the log-likelihood to stay. By chance, chi-squared with as many
+degrees of freedom as the term has parameters exceeds it in a few of a thousand logs; for a line,
+over all frequencies and widths that it could have."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A model and what its parameters came to."""
+    """A model with its fitted parameters and its cost."""
 
     shapes: list[Shape]
+    """The model's terms"""
     values: dict[str, float]
+    """The fitted parameters, SI, by name"""
     cost: float
-    """Minus twice the log-likelihood, and what the terms must gain: the least is the best"""
+    """Minus twice the log-likelihood, plus what the terms must gain; the least is the best"""
     model: np.ndarray
-    """(M,), the density of every ordinate, unit^2 s"""
+    """(M,), the model's density at every ordinate, unit^2 s"""
     is_cut_short: bool = False
-    """Whether the search had more to try"""
+    """Whether the search ended before it had tried all models"""
 
     @property
     def lines(self) -> list[Shape]:
+        """The terms that are lines."""
         return [s for s in self.shapes if is_line(s)]
 
     @property
     def white(self) -> Shape:
-        """White noise, filtered or not."""
+        """The term of white noise, filtered or not."""
         return next(s for s in self.shapes if s.names[0] == "N")
 
     def has(self, shape: Shape) -> bool:
+        """Whether the model has a term with this term's parameters."""
         return any(s.names == shape.names for s in self.shapes)
 
 
@@ -47,8 +51,12 @@ def try_out(
     start: dict[str, float],
     steps: int = 0,
 ) -> Trial:
-    """Fit a model from this start; coefficients without one start from the data. A rough trial
-    takes at most so many steps, and lines stay as they are except where another is near."""
+    """Fit a model.
+
+    start : values at which parameters start, SI, by name; coefficients without one start from the
+    data. steps : 0 for a full fit; otherwise a rough trial of at most so many steps, in which lines
+    are held except near the last term, if that is a line.
+    """
     likelihood = Likelihood(data, shapes, start)
     guess = np.log([first_guess(data, s, n, start) for s in shapes for n in s.names])
     if steps:
@@ -61,7 +69,7 @@ def try_out(
 
 
 def _needed(shapes: list[Shape]) -> float:
-    """What all optional terms together must gain."""
+    """What all optional terms together must gain in twice the log-likelihood."""
     total = 0.0
     for shape in shapes:
         if shape.names not in (("N",), ("B",), ("K",)):
@@ -71,8 +79,8 @@ def _needed(shapes: list[Shape]) -> float:
 
 
 def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
-    """The parameters of lines that are far from the last term, if that is a line, and of all but
-    those, if not."""
+    """The parameters of the lines that are far from the last term, if that is a line, and of all
+    lines if it is not."""
     lines = [s for s in shapes if is_line(s)]
     last = shapes[-1] if is_line(shapes[-1]) else None
     for shape in lines:
@@ -84,10 +92,10 @@ def _far_lines(shapes: list[Shape], values: dict[str, float]) -> Iterator[str]:
 
 
 def is_sensible(trial: Trial, data: Ordinates) -> bool:
-    """Whether each part is what its name says, and does not mend another part's shape: a line is
-    narrow, a Gauss-Markov process slower than the samples and not the whole log, and a filter lets
-    half of the power through at a frequency that the log holds, or, where its damping is given, at
-    one that still shows in what the means over samples let through."""
+    """Whether each term is what its name says, and does not make up for another term's wrong shape:
+    a line is narrow; a Gauss-Markov process is slower than the samples and faster than the whole
+    log; and a filter's half-power frequency is one that the log holds or, where its damping is
+    given, one that still has an effect on means over the samples' interval."""
     values = trial.values
     duration = data.n * data.dt
     time = values.get("GM_T", 0.1 * duration)
@@ -102,29 +110,32 @@ def is_sensible(trial: Trial, data: Ordinates) -> bool:
 
 
 def is_narrow(line: Shape, values: dict[str, float]) -> bool:
+    """Whether a line is no wider than lines may be, with a margin of 10%."""
     return values[line.names[2]] <= 1.1 * WIDEST * values[line.names[1]]
 
 
 def half_power_ratio(damping: float) -> float:
-    """The frequency at which a second-order low-pass lets half of the power through, over its
-    natural one: x with (1 - x^2)^2 + (2 damping x)^2 = 2."""
+    """The half-power frequency of a second-order low-pass over its natural frequency: the x with
+    (1 - x^2)^2 + (2 damping x)^2 = 2."""
     b = 1 - 2 * damping**2
     return float(np.sqrt(b + np.sqrt(b**2 + 1)))
 
 
 def first_guess(data: Ordinates, shape: Shape, name: str, given: dict[str, float]) -> float:
+    """The value at which a parameter starts, SI: the given one, or for a coefficient one from the
+    ordinates' powers."""
     if name in given:
         return given[name]
     top = data.f > 0.05 * data.f[-1]
     white = float(np.sqrt(np.sum(data.power[top]) / np.sum(data.count[top])))
     if name == "N":
-        several = data.count > 2  # of one, the median would be half the mean
+        several = data.count > 2  # of single ordinates the median would be half the mean
         if not several.any():
             return white
         return float(np.sqrt(np.median((data.power / data.count)[several])))
     if name == "Q":
         return float(white * np.sqrt(data.dt) / 10)
-    # As much as the lowest twenty coefficients hold, shared.
+    # The term is given half of the power that the lowest twenty ordinates hold.
     low = float(np.sum(data.power[:20]) / np.sum(data.count[:20]))
     others = tuple(given[n] for n in shape.names[1:])
     unit = Likelihood(data, []).unit_variance(shape, others)

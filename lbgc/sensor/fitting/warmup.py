@@ -1,13 +1,15 @@
-"""Whether a resting recording's mean changes as no noise of its kind does: a warm-up that decays, a
-step, a straight drift, a change towards the end.
+"""Detection of changes of a resting recording's mean that its noise does not explain: a warm-up
+that decays, a step, a straight drift, a change towards the end.
 
-A random walk explains every slow course a little, so the question is put to the likelihood: noise
-alone (white, bias instability and random walk, of the sizes that suit it best) against noise (of
-the sizes that then suit it best) and one course of the mean. A decay in white noise is a random
-walk that its own quiet end contradicts; a true random walk has no end that is quiet.
+A random walk explains every slow course of the mean a little, so the likelihood decides: noise
+alone (white noise, bias instability and random walk, with their best sizes) is compared with noise
+(with sizes fitted again) and one course of the mean. If a decay in white noise is taken for a
+random walk, the quiet end of the recording contradicts that, since a true random walk does not
+become quiet.
 
 The likelihood is Whittle's on the cosine transform of block means, with exact variances (see
-`lbgc.sensor.fitting.cosine_variance`); in it a course's size follows by weighted least squares.
+`lbgc.sensor.fitting.cosine_variance`). In it the size of a course follows by weighted least
+squares.
 """
 
 from dataclasses import dataclass, replace
@@ -20,54 +22,62 @@ from lbgc.sensor.gaussian import GaussianTerm
 from lbgc.sensor.noise import Flicker, RandomWalk, White
 
 _BLOCKS = 512
+"""Block means of a recording, at most"""
 _FEWEST = 64
+"""Block means below which nothing is looked for"""
 _CERTAIN = {"decay": 20.0, "rise": 20.0, "step": 30.0, "ramp": 30.0}
-"""Twice the logarithm of the likelihood ratio that shows a course. True random walks, bias
-instabilities and Gauss-Markov processes stay below 10 for 99 recordings of 100 (steps, of which
-there are more to choose from, below 19), and every 4.6 more is ten times rarer. A straight drift is
-what a random walk beside a short process looks like, to a model that has none: 28 was seen."""
-_MOST = 3  # courses in one recording
+"""Twice the logarithm of the likelihood ratio from which on a course is taken as present. True
+random walks, bias instabilities and Gauss-Markov processes stay below 10 in 99 recordings of 100
+(below 19 for steps, of which there are more to choose from), and every 4.6 more is ten times rarer.
+A random walk beside a short Gauss-Markov process looks like a straight drift to this model, which
+has no such process: 28 was seen."""
+_MOST = 3
+"""Courses in one recording, at most"""
 _ITERATIONS = 25
-_SETTLED = 3.0  # time constants, after which 5% of a decay is left
+"""Scoring steps of a fit, at most"""
+_SETTLED = 3.0
+"""Time constants of a decay to be cut, after which 5% of it is left"""
 
 
 @dataclass(frozen=True)
 class MeanChange:
-    """A change of the mean that noise does not explain."""
+    """A course of the mean, that is a change of it that noise does not explain."""
 
     kind: str
     """decay: size e^(-t/time); rise: size e^(-(T - t)/time), towards the end T; step: by size at
     `time`; ramp: size t/T."""
     size: float
-    """unit, with its sign"""
+    """Size with its sign, unit"""
     sigma: float
-    """unit, of the size, the time being known"""
+    """Standard error of the size where the time is known, unit"""
     time: float
-    """s: the time constant, or when the step came"""
+    """The time constant, or the time of the step, s"""
     low: float
-    """s: 95% interval of the time."""
+    """Lower end of the 95% interval of the time, s"""
     high: float
+    """Upper end of that interval, s"""
     ratio: float
-    """2 ln of the likelihood ratio to noise alone."""
+    """Twice the logarithm of the likelihood ratio to noise alone"""
     duration: float
-    """s: T, of the recording."""
+    """The recording's duration T, s"""
 
     def means(self, edges: np.ndarray) -> np.ndarray:
-        """Its means between consecutive edges (s), (J + 1,) -> (J,), unit."""
+        """The course's means between consecutive edges (J + 1,), s: (J,), unit."""
         return np.asarray(
             self.size * _means(self.kind, np.array([self.time]), edges, self.duration)[0]
         )
 
     @property
     def skip_s(self) -> float | None:
-        """Seconds to cut from the start so that hardly anything of it is left, where that leaves
-        enough of the recording."""
+        """The seconds to cut from the recording's start so that at most 5% of the course is left;
+        None where that would cut more than 60% of the recording, or for a rise or a ramp."""
         cut = {"decay": _SETTLED * self.time, "step": self.time}.get(self.kind, np.inf)
         return float(cut) if cut <= 0.6 * self.duration else None
 
 
 def _means(kind: str, times: np.ndarray, edges: np.ndarray, T: float) -> np.ndarray:
-    """(S,) times -> (S, J): means of the course of size one between consecutive edges, s."""
+    """Means of courses of size one between consecutive edges (J + 1,), s, for S times, s: (S, J).
+    T : s, the recording's duration."""
     width, t = np.diff(edges), times[:, None]
     if kind == "ramp":
         return np.tile((edges[1:] + edges[:-1]) / (2 * T), (len(times), 1))
@@ -78,8 +88,8 @@ def _means(kind: str, times: np.ndarray, edges: np.ndarray, T: float) -> np.ndar
 
 
 class _Likelihood:
-    """Likelihood of noise and one course, for many courses at once. Series are scaled to white
-    noise of 1."""
+    """The likelihood of noise and one course of the mean, evaluated for many courses at once. The
+    series is scaled so that its white noise has density 1."""
 
     def __init__(self, means: np.ndarray, interval: float, corners: tuple[float, float]):
         blocks = len(means)
@@ -93,12 +103,15 @@ class _Likelihood:
         self.unit = unit / unit[:, self.most // 2, None]
 
     def transform(self, means: np.ndarray) -> np.ndarray:
+        """The cosine coefficients 1 to K of block means (*S, J), times the square root of the
+        interval: (*S, K)."""
         every = scipy.fft.dct(means, norm="ortho", axis=-1)
         return np.asarray(every[..., 1 : self.most + 1] * np.sqrt(self.interval))
 
     def fit(self, courses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """courses : (S, J). Returns twice minus the log-likelihood (S,), the size and its sigma,
-        (S,) in the series' unit, and the variances (S, K) of the scaled series."""
+        """Fit noise and the size of each of S courses, whose means of size one are (S, J). Returns
+        twice minus the log-likelihood (S,), the size and its sigma, (S,) in the series' unit, and
+        the variances (S, K) of the scaled series."""
         s = self.transform(courses)
         starts = np.log([[1.0, 0.1, 1e-3], [0.8, 1e-4, 1e-6], [0.8, 1e-3, 1.0]])
         found = [self._minimise(s, start) for start in starts]
@@ -111,7 +124,8 @@ class _Likelihood:
     def _minimise(
         self, s: np.ndarray, start: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Fisher scoring over the logarithms of the three weights, the size profiled out."""
+        """Minimise by Fisher scoring over the logarithms of the three noise weights, the size
+        profiled out. s : (S, K), the transformed courses. Returns as `fit` does, scaled."""
         p = np.tile(start, (len(s), 1))
         *kept, step = self._scored(p, s)
         for _ in range(_ITERATIONS):
@@ -130,7 +144,8 @@ class _Likelihood:
         return value, size, sigma, v
 
     def _scored(self, p: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Value, size, its sigma, variances and the scoring step at log-weights p (S, 3)."""
+        """Twice minus the log-likelihood, the size, its sigma, the variances and the scoring step
+        at log-weights p (S, 3)."""
         parts = np.exp(p)[:, :, None] * self.unit
         v = parts.sum(axis=1)
         information = np.maximum(np.sum(s**2 / v, axis=1), 1e-300)
@@ -144,7 +159,8 @@ class _Likelihood:
         return value, size, 1 / np.sqrt(information), v, np.clip(step, -2, 2)
 
     def gains(self, courses: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """What each course gains where the noise stays as it is, (S,). v : (K,)."""
+        """What each course gains in twice the log-likelihood with the noise's variances v (K,)
+        kept, (S,)."""
         s = self.transform(courses)
         return np.asarray((s @ (self.z / v)) ** 2 / np.maximum(s**2 @ (1 / v), 1e-300))
 
@@ -155,10 +171,11 @@ def found(
     corners: tuple[float, float] = (1.0, 3600.0),
     most: int = _BLOCKS,
 ) -> MeanChange | None:
-    """The course that one recording's mean takes beyond noise, or None.
+    """The course of the mean that explains one recording best, or None where noise alone explains
+    it.
 
-    series : (n,), unit; dt : s; corners : s, of the bias instability's floor; most : block means to
-    take at most.
+    series : (n,), unit; dt : s; corners : s, of the bias instability's floor; most : the largest
+    number of block means to take.
     """
     block = max(1, len(series) // most)
     blocks = len(series) // block
@@ -183,8 +200,8 @@ def found(
 
 
 def _likely_steps(likelihood: _Likelihood, edges: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """When steps may have come, (S,) s: those that gain most, were the noise all white or were it
-    what suits the recording without a step."""
+    """The times at which a step is most likely, (S,), s: those that gain most if the noise is all
+    white, and if it is the noise v (K,) fitted without a step."""
     at = edges[2:-2]
     courses = _means("step", at, edges, float(edges[-1]))
     best = [np.argsort(-likelihood.gains(courses, own))[:12] for own in (v, np.ones_like(v))]
@@ -194,8 +211,9 @@ def _likely_steps(likelihood: _Likelihood, edges: np.ndarray, v: np.ndarray) -> 
 def _refined(
     likelihood: _Likelihood, edges: np.ndarray, kind: str, times: np.ndarray, alone: float
 ) -> MeanChange:
-    """The best course of one kind: of a grid's times, then near the best one; and the times that
-    the likelihood does not tell from it."""
+    """The best course of one kind, over a grid of times and then over finer grids near the best
+    time, with the interval of times that the likelihood does not tell from it. alone : twice minus
+    the log-likelihood of noise alone."""
     T, width = float(edges[-1]), float(edges[1])
     span, best, low, high = (width if kind == "step" else 0.25), 0, 0.0, 0.0
     for _ in range(4):
@@ -213,7 +231,7 @@ def _refined(
 
 
 def _at_its_sample(step: MeanChange, series: np.ndarray, dt: float) -> MeanChange:
-    """The step moved to the sample at which it splits its neighbourhood best."""
+    """The step moved from a block's edge to the sample that divides its neighbourhood best."""
     reach = max(3, round(max(step.high - step.time, step.time - step.low) / dt))
     reach += max(1, len(series) // _BLOCKS) // 4
     middle = round(step.time / dt)
@@ -230,8 +248,11 @@ def taken_out(
     corners: tuple[float, float] = (1.0, 3600.0),
     recordings: int = 1,
 ) -> tuple[np.ndarray, list[MeanChange]]:
-    """A recording without the courses that its mean takes, and these. series : (n,), unit;
-    recordings : of how many like it this is one: each is looked at as much more coarsely."""
+    """A recording without the courses of its mean, and these courses, at most three.
+
+    series : (n,), unit; dt : s; corners : s, of the bias instability's floor; recordings : the
+    number of recordings that are fitted together, by which the number of block means is divided.
+    """
     most = max(_FEWEST, _BLOCKS // recordings)
     courses: list[MeanChange] = []
     edges = np.arange(len(series) + 1) * dt
