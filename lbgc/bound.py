@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from lbgc.commands import run_main
 from lbgc.earth import heading_exists, normal_gravity
-from lbgc.errors import InputError, require, require_choice, require_positive
+from lbgc.errors import InputError, require, require_choice, require_not_negative, require_positive
 from lbgc.estimators.block_means import Course, Site
 from lbgc.estimators.floor import (
     DRAWS,
@@ -78,8 +78,8 @@ class BoundConfig:
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
             require_positive("windows_s", window)
-        for name in ("start_s", "reference_error_deg", "lean_deg", "level_error_deg", "settle_s"):
-            require(getattr(self, name) >= 0, name, getattr(self, name), "must not be negative")
+        require_not_negative(self, "start_s", "reference_error_deg", "lean_deg")
+        require_not_negative(self, "level_error_deg", "settle_s")
         lean = self.lean_deg + 2 * self.level_error_deg
         require(
             lean <= MOST_LEAN,

@@ -67,9 +67,9 @@ def require_choice(name: str, value: str, choices: Sequence[str]) -> None:
     require(value in choices, name, value, choices)
 
 
-def require_positive(name: str, value: float) -> None:
-    """Raise InputError unless the value is greater than zero."""
-    require(value > 0, name, value, "must be greater than zero")
+def require_positive(name: str, value: float | None) -> None:
+    """Raise InputError unless the value is greater than zero, or None: not given."""
+    require(value is None or value > 0, name, value, "must be greater than zero")
 
 
 def require_not_negative(config: Any, *names: str) -> None:

@@ -15,7 +15,7 @@ from lbgc.data import logs
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
-from lbgc.errors import InputError, require, require_positive
+from lbgc.errors import InputError, require, require_not_negative, require_positive
 from lbgc.estimators.level import tilts_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report import calibration_table
@@ -56,11 +56,9 @@ class FitConfig:
         given = "both" if self.log is not None else "nothing"
         require(one, "data or log", given, "give one: log=NAME, or data=PATH")
         require(self.name.isidentifier(), "name", self.name, "must be a plain word")
-        if self.flicker_short_s is not None:
-            require_positive("flicker_short_s", self.flicker_short_s)
-        require(self.skip_s >= 0, "skip_s", self.skip_s, "must not be negative")
-        if self.processes is not None:
-            require(self.processes > 0, "processes", self.processes, "must be greater than zero")
+        require_positive("flicker_short_s", self.flicker_short_s)
+        require_not_negative(self, "skip_s")
+        require_positive("processes", self.processes)
         require(
             self.flicker_long_s > self.corners[0],
             "flicker_long_s",

@@ -1,4 +1,9 @@
-"""Rotations and angles. Everything broadcasts over leading axes."""
+"""Rotations and angles. Everything broadcasts over leading axes.
+
+SciPy's Rotation agrees to 1e-15, but the last bits of datasets are of these functions. On 6000
+rotations it takes 4 times as long for Euler angles, 11 to 12 for their matrices and for rotation
+vectors, and a fifth for `rotation_matrix`; recordings in a vehicle take 4% longer with it.
+"""
 
 import numpy as np
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from lbgc.commands import run_main
 from lbgc.data import manifest, store
+from lbgc.data.record import Record
 from lbgc.data.schema import SPLITS, VARIABLES
 from lbgc.data.store import Dataset
 from lbgc.errors import require, require_positive
@@ -51,8 +52,9 @@ def main(config: InfoConfig) -> Path | None:
     if not good:
         return None
     print("\n".join(_drawn(dataset, good)))
-    print("\n".join(_first_lines(dataset, good[0], config.lines)))
-    return _picture(dataset, good)
+    record = next(dataset.records(np.array(dataset.layout.rows(good[0])[:1])))
+    print("\n".join(_first_lines(record, config.lines)))
+    return _picture(dataset, record, good)
 
 
 def _whole(dataset: Dataset) -> list[str]:
@@ -109,10 +111,8 @@ def _drawn(dataset: Dataset, good: list[int]) -> list[str]:
     return lines
 
 
-def _first_lines(dataset: Dataset, shard: int, count: int) -> list[str]:
-    """Lines with the first `count` samples of a shard's first recording."""
-    first = dataset.layout.rows(shard)[0]
-    record = next(dataset.records(np.array([first])))
+def _first_lines(record: Record, count: int) -> list[str]:
+    """Lines with the first `count` samples of a recording."""
     lines = [
         "",
         f"{record.name}: t, s; gyro, deg/h (forward, right, down); force, m/s^2; plate, deg",
@@ -125,9 +125,8 @@ def _first_lines(dataset: Dataset, shard: int, count: int) -> list[str]:
     return lines
 
 
-def _picture(dataset: Dataset, good: list[int]) -> Path:
-    """Draw headings and the first recording in the whole shards `good`; the picture's path."""
-    record = next(dataset.records(np.array([dataset.layout.rows(good[0])[0]])))
+def _picture(dataset: Dataset, record: Record, good: list[int]) -> Path:
+    """Draw the headings in the whole shards `good`, and one recording; the picture's path."""
     t = (np.arange(len(record.gyro)) + 1) / record.rate_hz
     headings = _rows(dataset, "heading", good)
     figure = dataset_overview(headings, t, record.gyro, record.accel, record.plate_angle)

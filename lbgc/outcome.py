@@ -99,15 +99,11 @@ def _per_heading(answers: Answers) -> list[dict]:
     ]
 
 
-def _ratio(ratio: Ratio | None) -> dict[str, float] | None:
-    """A ratio as JSON."""
-    return None if ratio is None else asdict(ratio)
-
-
 def document_of(
     run: str | None, result: Result, evaluation: Evaluation, verdicts: Sequence[Verdict] = ()
 ) -> dict:
     """The content of `results.json`. run : the training run that was evaluated, if one was."""
+    over = {key: asdict(ratio) for key, ratio in result.over_floor.items()}
     return {
         "subject": result.subject.name,
         "against": result.subject.against,
@@ -119,7 +115,7 @@ def document_of(
                 "estimator": name,
                 "window_s": window,
                 **asdict(summary),
-                "over_floor": _ratio(result.over_floor.get((name, window))),
+                "over_floor": over.get((name, window)),
                 "by_heading": result.by_heading[name, window],
             }
             for (name, window), summary in result.rows.items()

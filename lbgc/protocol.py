@@ -54,8 +54,7 @@ class ProtocolConfig:
             require(dwell is None or dwell > 0, "dwell_s", self.dwell_s, "must be above zero")
         rate = self.carousel_deg_per_s
         require(rate != 0, "carousel_deg_per_s", rate, "must not be zero")
-        if self.turns is not None:
-            require_positive("turns", self.turns)
+        require_positive("turns", self.turns)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from lbgc.outputs import as_json
+from lbgc.outputs import as_json, write_atomically
 
 _VARIABLE = "LBGC_SWEEP"
 
@@ -52,9 +52,7 @@ def report(job: Ended) -> None:
         return
     directory = Path(os.environ[_VARIABLE])
     directory.mkdir(parents=True, exist_ok=True)
-    partial = directory / f".{job.number}"
-    partial.write_text(as_json(vars(job)))
-    partial.replace(directory / f"{job.number}.json")
+    write_atomically(directory / f"{job.number}.json", as_json(vars(job)))
 
 
 def ended(directory: Path) -> list[Ended]:

@@ -90,12 +90,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         require(bool(self.data), "data", self.data, "must be a dataset's path")
         for name in ("mean_s", "steps", "batch", "learning_rate", "clip", "validate_every",
-                     "checkpoint_every", "tempering"):  # fmt: skip
+                     "checkpoint_every", "tempering", "patience", "threads"):  # fmt: skip
             require_positive(name, getattr(self, name))
-        if self.patience is not None:
-            require_positive("patience", self.patience)
-        if self.threads is not None:
-            require_positive("threads", self.threads)
         require_choice("schedule", self.schedule, SCHEDULES)
         require_not_negative(self, "seed", "warm_up")
         one = len(self.paths) == 1

@@ -93,3 +93,13 @@ VELOCITY_UNITS: dict[str, float] = {
     "g*s": STANDARD_GRAVITY,
     "ug*s": 1e-6 * STANDARD_GRAVITY,
 }
+
+
+def rate_factor(unit: str, rate_hz: float) -> float:
+    """The value in rad/s of a unit of a rate, or of an angle increment at `rate_hz`."""
+    return RATE_UNITS[unit] if unit in RATE_UNITS else ANGLE_UNITS[unit] * rate_hz
+
+
+def force_factor(unit: str, rate_hz: float) -> float:
+    """The value in m/s^2 of a unit of a force, or of a velocity increment at `rate_hz`."""
+    return FORCE_UNITS[unit] if unit in FORCE_UNITS else VELOCITY_UNITS[unit] * rate_hz

@@ -34,6 +34,8 @@ _MEDIAN = np.sqrt(2 * np.log(2.0))
 heading explains."""
 _HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
 _SHAKEN = 3.0  # ratio of scatters above which the base is said to move
+_LEAST = 1e-5 * EARTH_RATE
+"""Least uncertainty of a mean rate, rad/s, also of a rate without any noise."""
 _RESTS = np.deg2rad(0.01)  # rad, travel up to which the plate rests
 
 
@@ -99,7 +101,7 @@ def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None
         stated = None if imu is None else stated_errors(imu.gyro, record.duration_s)
         noise = mean_noise(record.gyro)
         rate, force = record.gyro.mean(axis=0), record.accel.mean(axis=0)
-        sigma = np.sqrt(noise**2 + (0.0 if stated is None else stated**2) + _least() ** 2)
+        sigma = np.sqrt(noise**2 + (0.0 if stated is None else stated**2) + _LEAST**2)
         chi, off = residual(rate, force, record.latitude, sigma)
         down = -force / np.linalg.norm(force)
         figures = np.linalg.norm(rate), down @ off, np.linalg.norm(off), np.mean(noise)
@@ -113,11 +115,6 @@ def evidence(records: Sequence[Record], imu: ImuModel | None) -> Evidence | None
     usual = 0.0 if imu is None else _stated_scatter(imu)
     shaken = at_once / (usual or white) if usual or white else 1.0
     return Evidence(mean_rate, vertical, off, noise, white, shaken, float(np.mean(every[:, 6])))
-
-
-def _least() -> float:
-    """Least uncertainty of a mean rate, rad/s, also of a rate without any noise."""
-    return 1e-5 * EARTH_RATE
 
 
 def _white_noise(record: Record) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 
 from lbgc.data.record import whole_multiple
-from lbgc.errors import require, require_choice, require_positive
+from lbgc.errors import require, require_choice, require_not_negative, require_positive
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.datasheet import ImuConfig
 
@@ -58,13 +58,9 @@ class GenerateConfig:
         low, high = -12_000.0, 100_000.0
         where = f"must be from {low:g} to {high:g}"
         require(low <= self.height_m <= high, "height_m", self.height_m, where)
-        require_positive("rate_hz", self.rate_hz)
-        require_positive("duration_s", self.duration_s)
-        require_positive("mean_s", self.mean_s)
-        for name in ("recordings", "units", "sessions"):
+        for name in ("rate_hz", "duration_s", "mean_s", "recordings", "units", "sessions"):
             require_positive(name, getattr(self, name))
-        for name in ("seed", "unit_seed"):
-            require(getattr(self, name) >= 0, name, getattr(self, name), "must not be negative")
+        require_not_negative(self, "seed", "unit_seed")
         require_choice("output", self.output, ("samples", "means"))
         require_choice("split_by", self.split_by, ("recording", "session", "unit"))
         good = len(self.split) == 3 and min(self.split) >= 0 and sum(self.split) > 0

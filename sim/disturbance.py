@@ -28,7 +28,7 @@ def pick(rng: np.random.Generator, value: Spread) -> float:
     return float(low + (high - low) * share)
 
 
-def _si(config: object, name: str, value: float | tuple[float, ...]) -> np.ndarray:
+def _si(name: str, value: float | tuple[float, ...]) -> np.ndarray:
     """A value in SI, by the unit in which its field's name ends."""
     return np.asarray(value, dtype=float) * factor(name)
 
@@ -98,7 +98,7 @@ class VibrationConfig:
     def draw(self, rng: np.random.Generator, duration_s: float) -> Vibration:
         """Draw one recording's vibration."""
         level, hz, drift = (pick(rng, v) for v in (self.level, self.hz, self.drift_hz))
-        rate, force = (_si(self, n, getattr(self, n)) for n in ("rate_deg_per_h", "force_ug"))
+        rate, force = (_si(n, getattr(self, n)) for n in ("rate_deg_per_h", "force_ug"))
         return Vibration(level, hz, drift, self.drift_s, rate, force, rng.uniform(0, 2 * np.pi, 7))
 
 
@@ -171,7 +171,7 @@ class KnocksConfig:
         )
         count = rng.poisson(per_minute * duration_s / 60)
         at = np.sort(rng.uniform(0, duration_s, count))
-        peak, lean = (float(_si(self, n, v)) for n, v in (("peak_mg", peak), ("tilt_arcsec", tilt)))
+        peak, lean = (float(_si(n, v)) for n, v in (("peak_mg", peak), ("tilt_arcsec", tilt)))
         force = peak * rng.standard_normal((count, 3))
         leans = lean * rng.standard_normal((count, 3)) * [1, 1, 0]
         return Knocks(per_minute / 60, peak, lean, at, force, leans, hz, self.damping)
@@ -208,7 +208,7 @@ class TiltingConfig:
 
     def draw(self, rng: np.random.Generator, duration_s: float) -> Tilting:
         """Draw one recording's tilt."""
-        rate = _si(self, "arcsec_per_h", pick(rng, self.arcsec_per_h))
+        rate = _si("arcsec_per_h", pick(rng, self.arcsec_per_h))
         return Tilting(float(rate), rng.uniform(0, 2 * np.pi))
 
 
@@ -280,8 +280,8 @@ class MooredConfig:
         )
         spread = np.clip(rng.standard_normal((3, _WAVES)), -3, 3)
         return Moored(
-            float(_si(self, "roll_deg", roll)),
-            float(_si(self, "pitch_deg", pitch)),
+            float(_si("roll_deg", roll)),
+            float(_si("pitch_deg", pitch)),
             heave,
             period,
             (1 + self.width * spread) / period,

@@ -19,11 +19,15 @@ azimuth:
     f_ib_b     = acceleration - mean(C)' g + coriolis Omega,   coriolis = mean(C' (-2 [v x]))
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from lbgc.frames import rotation_vector
+
+Arrays = TypeVar("Arrays")
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,7 @@ def _rows_cross(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return out
 
 
-def joined(parts: list[Felt]) -> Felt:
-    """The motions of consecutive stretches as one."""
-    return Felt(*(np.concatenate([getattr(p, name) for p in parts]) for name in vars(parts[0])))
+def joined(parts: Sequence[Arrays]) -> Arrays:
+    """Consecutive stretches as one. parts : dataclasses whose fields are arrays, such as `Felt`."""
+    every = ([getattr(part, name) for part in parts] for name in vars(parts[0]))
+    return type(parts[0])(*map(np.concatenate, every))

@@ -17,6 +17,7 @@ from lbgc.errors import InputError
 from lbgc.frames import NED_FROM_NWU
 from lbgc.protocol import REST, SETTLE, SLEW, Move, Plan
 
+from .kinematics import joined
 from .poses import Bench, Executed, Poses, Stretch, lean_of_axis
 from .sway import JOINTS, SwayConfig
 from .turntable import SceneConfig, load, plate_inertia
@@ -215,13 +216,9 @@ def execute_swaying(
             own.append(_poses(model, sensed[max(lead - 1 - begin, 0) :]))
         if begin <= lead < begin + count:
             controls = [_control(bench.scene, model, sensed[lead - begin]) for sensed in sensors]
-    joined = [
-        Poses(*(np.concatenate([getattr(p, n) for p in own]) for n in vars(own[0])))
-        for own in parts
-    ]
     return [
-        Executed(bench, (Stretch(0, bench.samples, poses, rest.stage),), own, rest.settling_s)
-        for poses, rest, own in zip(joined, still, controls, strict=True)
+        Executed(bench, (Stretch(0, bench.samples, joined(own), rest.stage),), at, rest.settling_s)
+        for own, rest, at in zip(parts, still, controls, strict=True)
     ]
 
 

@@ -71,6 +71,7 @@ class SceneConfig:
             "servo_damping_nm_s_per_rad",
             "servo_torque_nm",
             "arm_m",
+            "encoder_lsb_arcsec",
         ):
             require_positive(name, getattr(self, name))
         require_not_negative(
@@ -87,8 +88,6 @@ class SceneConfig:
         for name in ("base_roll_deg", "base_pitch_deg", "axis_tilt_deg"):
             angle = getattr(self, name)
             require(abs(angle) <= 45, name, angle, "must be from -45 to 45")
-        if self.encoder_lsb_arcsec is not None:
-            require_positive("encoder_lsb_arcsec", self.encoder_lsb_arcsec)
 
 
 @lru_cache(maxsize=8)

@@ -1,8 +1,9 @@
 """Encoding of a shard's file of one variable, byte for byte as Zarr would write it.
 
-Zarr takes a millisecond an array, and a shard has sixty arrays, so that it would take as long as
-all the rest of making a shard of means. The format is simple: each chunk is compressed and followed
-by a checksum; a file of several chunks ends with an index of them.
+Zarr takes a millisecond an array, and a shard has sixty arrays. Through Zarr, `generate` takes 1.2
+to 1.3 times the processor time for 3072 recordings of means, 1.24 times for 2048 on two positions,
+and 1.34 times for 16 recordings of every sample. The format is simple: each chunk is compressed and
+followed by a checksum; a file of several chunks ends with an index of them.
 """
 
 from functools import lru_cache

@@ -108,10 +108,8 @@ class LogConfig:
             require_axes("accel_axes", self.accel_axes)
         for name in self.accept:
             require_choice("accept", name, CHECKS)
-        for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h"):
+        for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
-        if self.bias_limit_deg_per_h is not None:
-            require_positive("bias_limit_deg_per_h", self.bias_limit_deg_per_h)
         if self.rate_hz is not None:
             good = 0 < self.rate_hz < np.inf
             require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
@@ -120,6 +118,11 @@ class LogConfig:
             require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
         if self.latitude is not None:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+
+    @property
+    def axes_of_accel(self) -> list[str]:
+        """The axes of the accelerometers: their own, or those of the gyros where none are given."""
+        return self.axes if self.accel_axes is None else self.accel_axes
 
     @property
     def bias_limit(self) -> float | None:

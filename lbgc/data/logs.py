@@ -14,14 +14,7 @@ from lbgc.data.readers.timing import EvenPieces, timing
 from lbgc.data.record import Record
 from lbgc.errors import InputError, require
 from lbgc.sensor.imu import ImuModel
-from lbgc.units import (
-    ANGLE_UNITS,
-    DEG,
-    FORCE_UNITS,
-    RATE_UNITS,
-    STANDARD_GRAVITY,
-    VELOCITY_UNITS,
-)
+from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
 _UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
 """Units that depend on the value of g that a file states."""
@@ -81,14 +74,13 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
     config = raw.config
     require(config.latitude is not None, "log.latitude", None, "must be given for this log")
     assert config.latitude is not None
-    gyro = _rates(raw.gyro * config.gyro_scale, config.gyro_unit, rate)
+    gyro = raw.gyro * config.gyro_scale * rate_factor(config.gyro_unit, rate)
     accel = _forces(raw, rate)
-    accel_axes = config.axes if config.accel_axes is None else config.accel_axes
     heading = None if config.heading_deg is None else config.heading_deg * DEG
     return Record(
         name=raw.name,
         gyro=gyro @ matrix_of(config.axes).T,
-        accel=accel @ matrix_of(accel_axes).T,
+        accel=accel @ matrix_of(config.axes_of_accel).T,
         plate_angle=np.zeros(len(gyro)),
         rate_hz=rate,
         latitude=config.latitude * DEG,
@@ -97,25 +89,15 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
     )
 
 
-def _rates(values: np.ndarray, unit: str, rate_hz: float) -> np.ndarray:
-    """Rates in rad/s, from values in a unit of a rate or of an angle increment."""
-    return values * RATE_UNITS[unit] if unit in RATE_UNITS else values * ANGLE_UNITS[unit] * rate_hz
-
-
 def _forces(raw: Raw, rate_hz: float) -> np.ndarray:
     """Specific forces in m/s^2. The unit "auto" is g where their mean is below 3, else m/s2."""
     values, unit = raw.accel * raw.config.accel_scale, raw.config.accel_unit
     if unit == "auto":
         unit = "g" if np.linalg.norm(values.mean(axis=0)) < 3 else "m/s2"
-    return values * _accel_factor(unit, rate_hz, raw.gravity)
-
-
-def _accel_factor(unit: str, rate_hz: float, gravity: float | None) -> float:
-    """The value of a unit in m/s^2. gravity : m/s^2, the file's own g, where it states one."""
-    factor = FORCE_UNITS[unit] if unit in FORCE_UNITS else VELOCITY_UNITS[unit] * rate_hz
-    if gravity is not None and unit in _UNITS_OF_G:
-        factor *= gravity / STANDARD_GRAVITY
-    return factor
+    factor = force_factor(unit, rate_hz)
+    if raw.gravity is not None and unit in _UNITS_OF_G:
+        factor *= raw.gravity / STANDARD_GRAVITY
+    return values * factor
 
 
 __all__ = ["LogConfig", "columns", "read"]

@@ -48,6 +48,10 @@ class Record:
         return len(self.gyro) / self.rate_hz
 
 
+SAMPLED = ("gyro", "accel", "plate_angle")
+"""Fields of a recording, and of windows, that have a value for each sample."""
+
+
 def whole_multiple(rate_hz: float, target_hz: float) -> int | None:
     """The ratio of two rates, the number of samples at rate_hz in one at target_hz; None where that
     is not a whole number."""
@@ -117,13 +121,8 @@ def block_means(record: Record, rate_hz: float) -> Record:
         )
     if edges[-1] == len(edges) - 1:
         return record
-    return replace(
-        record,
-        gyro=means_between(record.gyro, edges),
-        accel=means_between(record.accel, edges),
-        plate_angle=means_between(record.plate_angle, edges),
-        rate_hz=true_rate(edges, record.rate_hz, rate_hz),
-    )
+    values: dict[str, Any] = {n: means_between(getattr(record, n), edges) for n in SAMPLED}
+    return replace(record, **values, rate_hz=true_rate(edges, record.rate_hz, rate_hz))
 
 
 def true_rate(edges: np.ndarray, rate_hz: float, target_hz: float) -> float:

@@ -3,10 +3,12 @@ training and scoring."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from lbgc.data.record import (
+    SAMPLED,
     Record,
     block_edges,
     block_means,
@@ -139,18 +141,9 @@ def cut(record: Record, window_s: float) -> Windows:
 
 def joined(several: Sequence[Windows]) -> Windows:
     """Several sets of windows, of one length and rate, as one set."""
-
-    def all_of(name: str) -> np.ndarray:
-        return np.concatenate([getattr(windows, name) for windows in several])
-
-    return Windows(
-        gyro=all_of("gyro"),
-        accel=all_of("accel"),
-        plate_angle=all_of("plate_angle"),
-        rate_hz=several[0].rate_hz,
-        latitude=all_of("latitude"),
-        start_s=all_of("start_s"),
-    )
+    names = (*SAMPLED, "latitude", "start_s")
+    values: dict[str, Any] = {n: np.concatenate([getattr(w, n) for w in several]) for n in names}
+    return replace(several[0], **values)
 
 
 def length_note(record: Record, window_s: float) -> str | None:
@@ -185,13 +178,8 @@ def at_rate(windows: Windows, rate_hz: float) -> Windows:
         )
     if edges[-1] == len(edges) - 1:
         return windows
-    return replace(
-        windows,
-        gyro=means_between(windows.gyro, edges, axis=1),
-        accel=means_between(windows.accel, edges, axis=1),
-        plate_angle=means_between(windows.plate_angle, edges, axis=1),
-        rate_hz=true_rate(edges, windows.rate_hz, rate_hz),
-    )
+    values: dict[str, Any] = {n: means_between(getattr(windows, n), edges, axis=1) for n in SAMPLED}
+    return replace(windows, **values, rate_hz=true_rate(edges, windows.rate_hz, rate_hz))
 
 
 def stack(records: Iterable[Record], rate_hz: float) -> Labelled:

@@ -46,17 +46,14 @@ def white_crlb(N: float, latitude: float, duration_s: float) -> float:
     return float(N / (EARTH_RATE * np.cos(latitude) * np.sqrt(duration_s)))
 
 
-def crlb(told: Information, reference_sigma: float = 0.0) -> float:
+def crlb(told: Information) -> float:
     """The van Trees bound: RMS over headings of the least standard deviation, rad; NaN above 6
-    degrees.
-
-    reference_sigma : rad, 1 sigma of the reference, where errors are relative to one that errs.
-    """
-    rms = float(np.sqrt(small_errors(told) + reference_sigma**2))
+    degrees."""
+    rms = float(np.sqrt(small_errors(told)))
     return rms if rms < AS_LENGTHS else float("nan")
 
 
-def expected_floor(told: Information, reference_sigma: float = 0.0, draws: int = DRAWS) -> float:
+def expected_floor(told: Information, draws: int = DRAWS) -> float:
     """Expected RMSE of the Bayes-optimal estimator, rad, over headings and over the law of h,
     Normal(J q, J), which is all that the data tell. By seeded draws, to about 1%.
 
@@ -74,7 +71,7 @@ def expected_floor(told: Information, reference_sigma: float = 0.0, draws: int =
     if np.median(sigma) < np.deg2rad(20.0):
         linear = np.sum(n * noise, axis=1) * sigma**2
         square = square - linear**2 + small_errors(told)
-    return float(np.sqrt(np.mean(square) + reference_sigma**2))
+    return float(np.sqrt(np.mean(square)))
 
 
 def floor(windows: Windows, imu: ImuModel | None = None) -> Estimate:

@@ -272,12 +272,12 @@ def integrate(windows: Windows) -> Series:
     """Both series: attitude by the samples' rotation vectors, velocity by forces turned halfway."""
     w, n, dt = len(windows), windows.gyro.shape[1], 1 / windows.rate_hz
     angle = windows.gyro * dt
+    # A fifth of the time of lbgc.frames.rotation_matrix, whose last bits do not matter here.
     step = Rotation.from_rotvec(angle.reshape(-1, 3)).as_matrix().reshape(w, n, 3, 3)
     turned = np.empty((w, n, 3, 3))
     at = np.broadcast_to(np.eye(3), (w, 3, 3))
     for k in range(n):
-        at = at @ step[:, k]
-        turned[:, k] = at
+        turned[:, k] = at = at @ step[:, k]
     force = windows.accel + np.cross(angle, windows.accel) / 2
     alpha = np.cumsum(np.einsum("wnij,wnj->wni", _before(turned), force), axis=1) * dt
     return Series(alpha, apparent_gravity(windows, n, dt), turned)

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,24 +27,18 @@ _BATCH = 4096
 _TELLING = 4
 
 
+@dataclass(eq=False)
 class Learned:
     """A trained network as an estimator. It works at its own rate of means; faster windows are
-    averaged down to it.
+    averaged down to it."""
 
-    compute : features (W, T, C) float32 -> (heading less the base's, sigma), both (W,), rad.
-    trained_on : the sensor whose noise weights its base.
-    """
-
-    def __init__(
-        self,
-        config: ModelConfig,
-        compute: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
-        rate_hz: float,
-        sensor: str,
-        trained_on: ImuModel | None = None,
-    ):
-        self.config, self.rate_hz, self.sensor = config, rate_hz, sensor
-        self.compute, self._trained_on = compute, trained_on
+    config: ModelConfig
+    compute: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    """Features (W, T, C) float32 -> (heading less the base's, sigma), both (W,), rad"""
+    rate_hz: float
+    sensor: str
+    trained_on: ImuModel
+    """The sensor whose noise weights its base"""
 
     @classmethod
     def load(cls, run: str | Path) -> "Learned":
@@ -85,7 +80,7 @@ class Learned:
                 "s",
                 f"is shorter than the {SHORTEST_WINDOW_S:g} s that models are trained for",
             )
-        x, base = inputs(self.config, windows, self.rate_hz, self._trained_on)
+        x, base = inputs(self.config, windows, self.rate_hz, self.trained_on)
         self._check_alive(windows)
         heading, sigma = np.empty(len(windows)), np.empty(len(windows))
         for first in range(0, len(windows), _BATCH):

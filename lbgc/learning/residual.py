@@ -9,7 +9,6 @@ their moments are all that is to be known of both, however the plate turns. Sine
 estimate are given besides: a bias that stays with the body moves the heading by a function of them.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -84,17 +83,9 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
     lengths = np.full(len(windows), length)
     fixed = np.stack([np.sin(base), np.cos(base), lengths, place], axis=-1)[:, None]
     parts = [part * used for channel in config.channels for part in columns[channel]()]
-    return _side_by_side([*parts, fixed], windows.plate_angle.shape)
-
-
-def _side_by_side(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """Features, (W, T or 1, C) each, side by side in one float32 array, (W, T, sum of C)."""
-    out = np.empty((*shape, sum(part.shape[-1] for part in parts)), np.float32)
-    first = 0
-    for part in parts:
-        out[..., first : first + part.shape[-1]] = part
-        first += part.shape[-1]
-    return out
+    size = windows.plate_angle.shape
+    every = [np.broadcast_to(part, (*size, part.shape[-1])) for part in (*parts, fixed)]
+    return np.concatenate(every, axis=-1, dtype=np.float32)
 
 
 def _levelled(windows: Windows, angle: np.ndarray) -> np.ndarray:

@@ -16,10 +16,11 @@ turned north by it.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from lbgc.data.record import nearest_samples
+from lbgc.data.record import SAMPLED, nearest_samples
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
 from lbgc.errors import InputError
@@ -142,14 +143,8 @@ def _whole_steps(windows: Windows, rate_hz: float) -> Windows:
     """The windows without the samples at the end that fill no whole step."""
     samples = windows.gyro.shape[1]
     used = samples - samples % _block(windows, rate_hz)
-    if used == samples:
-        return windows
-    return replace(
-        windows,
-        gyro=windows.gyro[:, :used],
-        accel=windows.accel[:, :used],
-        plate_angle=windows.plate_angle[:, :used],
-    )
+    values: dict[str, Any] = {name: getattr(windows, name)[:, :used] for name in SAMPLED}
+    return replace(windows, **values)
 
 
 def _slope(series: np.ndarray, t: np.ndarray) -> np.ndarray:

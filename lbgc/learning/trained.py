@@ -123,8 +123,8 @@ class Trained:
             found.append(self._refusal(f"{far[0]:.4g}", "deg", "is no latitude of its"))
         if not min(lengths) - 1e-6 <= windows.duration_s <= max(lengths) + 1e-6:
             found.append(self._refusal(f"{windows.duration_s:g}", "s", "is no length of its"))
-        does, should = _motion(windows), _motions_allowed(self.said["protocol"])
-        if should is not None and does not in should:
+        does, rests = _motion(windows), self.said["protocol"] in _RESTING
+        if rests != (does == "rests"):
             found.append(self._refusal("a plate", "", f"that {does} is none of its"))
         return found
 
@@ -190,10 +190,3 @@ def _motion(windows: Windows) -> str:
         return "rests"
     _, resting = usable(windows.plate_angle)
     return "turns and rests" if resting.mean() > 0.5 else "turns"
-
-
-def _motions_allowed(protocol: str) -> tuple[str, ...] | None:
-    """What the plate may do in this protocol, in the words of `_motion`."""
-    if protocol in _RESTING:
-        return ("rests",)
-    return ("turns", "turns and rests")

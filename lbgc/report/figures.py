@@ -2,15 +2,16 @@
 it."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
+from typing import TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-_SIZE = (7.0, 4.2)
+T = TypeVar("T")
 AXIS_COLOURS = ("#c0392b", "#27895a", "#2c5d9b")
 AXIS_NAMES = ("forward", "right", "down")
 ESTIMATOR_COLOURS = (
@@ -20,14 +21,19 @@ ESTIMATOR_COLOURS = (
 )
 
 
-def _figure(title: str, x: str, y: str, size: tuple[float, float] = _SIZE) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes, these labels, and a grid. size : inches."""
-    figure = Figure(figsize=size, layout="constrained")
+def _figure(title: str, x: str, y: str) -> tuple[Figure, Axes]:
+    """A figure with one pair of axes, these labels, and a grid."""
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
     axes.set(title=title, xlabel=x, ylabel=y)
     axes.grid(True, which="both", color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     return figure, axes
+
+
+def _coloured(rows: Mapping[str, T]) -> Iterator[tuple[tuple[str, T], str]]:
+    """The row of each estimator or protocol, with its name and colour."""
+    return zip(rows.items(), cycle(ESTIMATOR_COLOURS), strict=False)
 
 
 def loss_curve(history: Sequence[Mapping[str, float]]) -> Figure:
@@ -73,9 +79,7 @@ def allan_deviation(
 def error_against_window(rows: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
     """RMSE against window length. rows : estimator -> (window lengths in s, RMSE in deg)."""
     figure, axes = _figure("Error against window length", "window, s", "heading RMSE, deg")
-    for (name, (windows, errors)), colour in zip(
-        rows.items(), cycle(ESTIMATOR_COLOURS), strict=False
-    ):
+    for (name, (windows, errors)), colour in _coloured(rows):
         axes.loglog(windows, errors, "o-", color=colour, label=name)
     ticks = sorted({w for windows, _ in rows.values() for w in windows})
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
@@ -92,7 +96,7 @@ def error_by_heading(
     its RMSE, and the 95% interval of that, or None; deg."""
     title = f"Error by heading, windows of {window_s:g} s"
     figure, axes = _figure(title, "true heading, deg", "heading RMSE, deg")
-    for (name, sectors), colour in zip(rows.items(), cycle(ESTIMATOR_COLOURS), strict=False):
+    for (name, sectors), colour in _coloured(rows):
         headings, errors, intervals = zip(*sectors, strict=True)
         axes.plot(headings, errors, "o-", color=colour, label=name)
         ends = [(e, e) if own is None else own for e, own in zip(errors, intervals, strict=True)]
@@ -107,9 +111,7 @@ def headings_against_time(rows: Mapping[str, tuple[np.ndarray, ...]], title: str
     """Estimated headings against time. rows : estimator -> times in s, headings in deg and their
     sigmas in deg, (W,) each."""
     figure, axes = _figure(title, "middle of the window, s", "heading, deg; bars: 1 sigma")
-    for (name, (t, heading, sigma)), colour in zip(
-        rows.items(), cycle(ESTIMATOR_COLOURS), strict=False
-    ):
+    for (name, (t, heading, sigma)), colour in _coloured(rows):
         bars = np.where(np.isfinite(sigma), sigma, 0.0)
         axes.errorbar(t, heading, bars, fmt="o", color=colour, markersize=3, capsize=2, label=name)
     axes.legend(fontsize="small")
@@ -122,9 +124,7 @@ def bound_against_time(
     """The floor against window length. curves : protocol -> (window lengths in s, the floor in
     deg)."""
     figure, axes = _figure(f"The best that physics allows: {title}", "window, s", "RMSE, deg")
-    for (name, (windows, floor)), colour in zip(
-        curves.items(), cycle(ESTIMATOR_COLOURS), strict=False
-    ):
+    for (name, (windows, floor)), colour in _coloured(curves):
         axes.loglog(windows, floor, "o-", color=colour, markersize=3.5, label=name)
     _plain_y_ticks(axes)
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -145,9 +145,7 @@ def box_plots(sizes: Mapping[str, Mapping[float, np.ndarray]]) -> Figure:
     figure, axes = _figure("Distribution of the errors", "window, s", "|heading error|, deg")
     windows = sorted({w for by_window in sizes.values() for w in by_window})
     width = 0.8 / len(sizes)
-    for i, ((name, by_window), colour) in enumerate(
-        zip(sizes.items(), cycle(ESTIMATOR_COLOURS), strict=False)
-    ):
+    for i, ((name, by_window), colour) in enumerate(_coloured(sizes)):
         places = [windows.index(w) + (i - (len(sizes) - 1) / 2) * width for w in by_window]
         drawn = axes.boxplot(
             list(by_window.values()),

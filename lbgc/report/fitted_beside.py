@@ -34,7 +34,7 @@ def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None)
     top = []
     if sizes:
         said = " and ".join(
-            f"{part} bias of {_figure(sizes[part].value / factor(key))} {unit_of(key)}"
+            f"{part} bias of {number(sizes[part].value / factor(key))} {unit_of(key)}"
             for part, key in zip(PARTS, _BIAS, strict=True)
             if part in sizes
         )
@@ -42,7 +42,7 @@ def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None)
         top.append(f'assumed: "{said}: {about}"')
     if time is not None:
         top += ["temperature:", "  rise_k: 1  # so that biases per K are what warms away"]
-        top.append(f"  time_s: {_figure(time)}")
+        top.append(f"  time_s: {number(time)}")
     triads = {
         part: _per_k(fits[part], which, time)
         + _counts(fits[part], which)
@@ -52,9 +52,10 @@ def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None)
     return Beside(top, triads)
 
 
-def _figure(value: float) -> str:
-    """Four digits, with a decimal point before an exponent, as every YAML reader needs it."""
-    text = f"{value:.4g}"
+def number(value: float, digits: int = 4) -> str:
+    """A value with a decimal point before an exponent, as every YAML reader needs it: 1.0e-05,
+    since some read 1e-05 as text."""
+    text = f"{value:.{digits}g}"
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
@@ -78,7 +79,7 @@ def _per_k(fits: list[Fit], which: int, time: float | None) -> list[str]:
     sizes = [float(np.sqrt(np.mean([c.size**2 for c in _decays(f)] or [0.0]))) for f in fits]
     if time is None or not any(sizes):
         return []
-    own = ", ".join(_figure(size / factor(_PER_K[which])) for size in sizes)
+    own = ", ".join(number(size / factor(_PER_K[which])) for size in sizes)
     said = [f"{c.time:.4g} s" for f in fits for c in _decays(f)]
     return [f"  {_PER_K[which]}: [{own}]  # warms away; time constants of {', '.join(said)}"]
 
@@ -92,13 +93,13 @@ def _counts(fits: list[Fit], which: int) -> list[str]:
     sizes = [f.counts.lsb for f in fits if f.counts is not None]
     if max(sizes) > 1.01 * min(sizes):
         return []
-    return [f"  {_COUNT[which]}: {_figure(float(np.median(sizes)) / factor(_COUNT[which]))}"]
+    return [f"  {_COUNT[which]}: {number(float(np.median(sizes)) / factor(_COUNT[which]))}"]
 
 
 def _bias(size: BiasSize, which: int) -> list[str]:
     """The line for the size of a triad's run bias."""
     value, low, high = (v / factor(_BIAS[which]) for v in (size.value, size.low, size.high))
-    return [f"  {_BIAS[which]}: {_figure(value)}  # assumed; {low:.3g}..{high:.3g}"]
+    return [f"  {_BIAS[which]}: {number(value)}  # assumed; {low:.3g}..{high:.3g}"]
 
 
 def bias_sizes(static: Static, fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:

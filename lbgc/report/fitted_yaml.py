@@ -4,7 +4,7 @@ import numpy as np
 
 from lbgc.data.static import Static
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
-from lbgc.report.fitted_beside import beside
+from lbgc.report.fitted_beside import beside, number
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting.bias_size import BiasSize
 from lbgc.sensor.fitting.noise_fit import Fit
@@ -65,7 +65,7 @@ def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
         values = [0.0 if t is None else t.amplitude / scale for t in largest]
         if name == "tone_f":
             values = [1.0 if t is None else t.f for t in largest]
-        return [f"  {key}: [{', '.join(map(_number, values))}]"]
+        return [f"  {key}: [{_numbers(values)}]"]
     found = [every_estimate(f).get(name) for f in fits]
     if not any(found):
         return []
@@ -86,7 +86,12 @@ def _figures(start: str, name: str, found: list[FittedParameter | None], scale: 
         for e in found
     ]  # fmt: skip
     ranges = ["-" if e is None else _range(e, scale) for e in found]
-    return f"{start}: [{', '.join(map(_number, told))}]  # {', '.join(ranges)}"
+    return f"{start}: [{_numbers(told)}]  # {', '.join(ranges)}"
+
+
+def _numbers(values: list[float]) -> str:
+    """Values with six digits, separated by commas."""
+    return ", ".join(number(value, 6) for value in values)
 
 
 def _range(e: FittedParameter, scale: float) -> str:
@@ -101,12 +106,6 @@ def _range(e: FittedParameter, scale: float) -> str:
     if e.low == e.high:
         return "given"
     return f"{e.low / scale:.3g}..{e.high / scale:.3g}"
-
-
-def _number(value: float) -> str:
-    """Six digits, as every YAML reader takes them: 1.0e-05, since some read 1e-05 as text."""
-    text = f"{value:.6g}"
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
 def _yaml_of_lines(which: int, fits: list[Fit]) -> list[str]:

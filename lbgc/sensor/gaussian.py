@@ -203,17 +203,11 @@ def _group(F: bytes, p: int, group: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sample_axes(
-    axes: Sequence[Gaussians],
-    rng: np.random.Generator,
-    count: int,
-    n: int,
-    dt: float,
-    start: int = 0,
+    axes: Sequence[Gaussians], rng: np.random.Generator, count: int, n: int, dt: float
 ) -> np.ndarray:
     """Draw `count` independent series of n samples for each of several axes, given each axis's
     terms: float32 (count, n, axes)."""
-    own = [sample(terms, rng, (count, n), dt, start=start) for terms in axes]
-    return np.stack(own, axis=-1)
+    return np.stack([sample(terms, rng, (count, n), dt) for terms in axes], axis=-1)
 
 
 def sample_means(
@@ -267,10 +261,10 @@ def _later_root(terms: Gaussians, interval: float, start: int) -> np.ndarray:
     return _square_root(_later(_sum_model(terms, interval), start))
 
 
-def autocovariance_of_means(terms: Gaussians, n: int, dt: float, block: int = 1) -> np.ndarray:
+def autocovariance_of_means(terms: Gaussians, n: int, dt: float) -> np.ndarray:
     """The first row of `covariance_of_means`, (n,), unit^2, which is all of it for stationary
     terms."""
-    model = _sum_model(terms, dt * block)
+    model = _sum_model(terms, dt)
     row = np.empty(n)
     row[0] = model.C @ model.P0 @ model.C + model.R
     toward = model.A @ model.P0 @ model.C + model.S

@@ -30,8 +30,6 @@ class Lifetimes:
     run_sigma: np.ndarray
     """(A,), standard deviation of the recordings about the bias, or about their session's mean
     where there are several sessions"""
-    run_freedom: int
-    """Degrees of freedom of `run_sigma`"""
     session_sigma: np.ndarray | None
     """(A,), standard deviation of the sessions' own biases, zero where the scatter within sessions
     explains that of their means; None where there is one session, or as many as recordings"""
@@ -69,7 +67,7 @@ def by_lifetime(
         spread = np.sqrt(square)
         sigma = spread / np.sqrt(count)
         interval = _chi_square_interval(square, freedom)
-        return Lifetimes(error.mean(axis=0), sigma, freedom, spread, freedom, None, interval, None)
+        return Lifetimes(error.mean(axis=0), sigma, freedom, spread, None, interval, None)
     means = np.stack([error[which == s].mean(axis=0) for s in range(groups)])
     inner, outer = count - groups - within, groups - 1 - between
     inside = np.sum((error - means[which]) ** 2, axis=0) / inner
@@ -83,7 +81,6 @@ def by_lifetime(
         bias_sigma=1 / np.sqrt(weight.sum(axis=0)),
         bias_freedom=outer,
         run_sigma=np.sqrt(inside),
-        run_freedom=inner,
         session_sigma=np.sqrt(variance),
         run_interval=_chi_square_interval(inside, inner),
         session_interval=_session_interval(among, inside, outer, inner, effective),

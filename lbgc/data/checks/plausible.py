@@ -15,7 +15,17 @@ from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
-from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, GAUSS, HOUR, RATE_UNITS, VELOCITY_UNITS
+from lbgc.units import (
+    ANGLE_UNITS,
+    DEG,
+    FORCE_UNITS,
+    GAUSS,
+    HOUR,
+    RATE_UNITS,
+    VELOCITY_UNITS,
+    force_factor,
+    rate_factor,
+)
 
 PER_HOUR = HOUR / DEG
 """One rad/s in deg/h."""
@@ -183,8 +193,8 @@ def force_finding(rest: Resting, config: LogConfig, rate_hz: float) -> Finding |
         own, shown = 1.0, "auto"
         fitting = []
     else:
-        own, shown = _force_factor(unit, rate_hz), unit
-        every = {u: _force_factor(u, rate_hz) for u in (*FORCE_UNITS, *VELOCITY_UNITS)}
+        own, shown = force_factor(unit, rate_hz), unit
+        every = {u: force_factor(u, rate_hz) for u in (*FORCE_UNITS, *VELOCITY_UNITS)}
         fitting = [u for u, f in every.items() if abs(norm / own * f / g - 1) < _FORCE_SHARE]
     why = f"in {' or '.join(fitting)} it would make sense"
     if not fitting:
@@ -243,24 +253,14 @@ def _odds_of_units(rest: Resting, stated: str, rate_hz: float) -> dict[str, floa
         square = np.sum((c * rest.rate - earth) ** 2, axis=1) + floor
         return c**3 * float(np.mean(square**-1.5))
 
-    own = _rate_factor(stated, rate_hz)
+    own = rate_factor(stated, rate_hz)
     least = density(1.0)
     odds = {}
     for unit in (*RATE_UNITS, *ANGLE_UNITS):
-        c = _rate_factor(unit, rate_hz) / own
+        c = rate_factor(unit, rate_hz) / own
         _, off = residual(c * rest.rate, rest.force, rest.latitude, np.ones(3))
         fits = float(np.linalg.norm(off)) <= max(rest.limit, 5 * c * float(rest.noise.max()))
         if unit != stated and fits:
             same_kind = (unit in RATE_UNITS) == (stated in RATE_UNITS)
             odds[unit] = density(c) / least * (1.0 if same_kind else _OTHER_KIND)
     return odds
-
-
-def _rate_factor(unit: str, rate_hz: float) -> float:
-    """The value in rad/s of a unit of a rate or of an angle increment."""
-    return RATE_UNITS[unit] if unit in RATE_UNITS else ANGLE_UNITS[unit] * rate_hz
-
-
-def _force_factor(unit: str, rate_hz: float) -> float:
-    """The value in m/s^2 of a unit of a force or of a velocity increment."""
-    return FORCE_UNITS[unit] if unit in FORCE_UNITS else VELOCITY_UNITS[unit] * rate_hz

@@ -81,11 +81,10 @@ class Channel:
 
 def channels(record: Record, config: LogConfig, imu: ImuModel | None) -> list[Channel]:
     """The six channels of a recording, gyros first, in the order of the file's axes."""
-    own = config.axes if config.accel_axes is None else config.accel_axes
     found = []
     for name, values, axes, unit, scale in (
         ("gyro", record.gyro, config.axes, "deg/s", DEG),
-        ("accelerometer", record.accel, own, "m/s2", 1.0),
+        ("accelerometer", record.accel, config.axes_of_accel, "m/s2", 1.0),
     ):
         triad = None if imu is None else (imu.gyro if name == "gyro" else imu.accel)
         counts = None if triad is None else triad.counts

@@ -32,8 +32,7 @@ def turning_finding(
     if not _better(against, with_, len(records)):
         return None
     mirror = np.diag([1.0, -1.0, 1.0])
-    own = config.axes if config.accel_axes is None else config.accel_axes
-    axes, accel = (spelled(mirror @ matrix_of(a)) for a in (config.axes, own))
+    axes, accel = (spelled(mirror @ matrix_of(a)) for a in (config.axes, config.axes_of_accel))
     says = f"the headings of {len(records)} recordings fall where their references rise: y points "
     says += f"the other way (log.axes={axes} log.accel_axes={accel}), x and y stand in each "
     says += "other's place, or the references are counter-clockwise"

@@ -63,8 +63,8 @@ class Frame:
 
     def option(self, config: LogConfig) -> str:
         """The options that a user types for this frame, and in brackets what it is."""
-        own = config.axes if config.accel_axes is None else config.accel_axes
-        gyro, accel = self.gyro @ matrix_of(config.axes), self.accel @ matrix_of(own)
+        gyro = self.gyro @ matrix_of(config.axes)
+        accel = self.accel @ matrix_of(config.axes_of_accel)
         parts = []
         if not np.array_equal(self.gyro, _ONE):
             parts.append(f"log.axes={spelled(gyro)}")

@@ -55,7 +55,7 @@ def instants(stamps: np.ndarray) -> Instants:
     median = float(np.median(steps))
     holes = None
     if median > 0 and abs(median / rough - 1) < 0.1:
-        holes = _holes_of_an_exact_clock(stamps, steps / median)
+        holes = _holes_of_an_exact_clock(steps / median)
     if holes is None:
         holes = _holes_of_a_rough_clock(stamps, steps, rough, period)
     step, scatter = _line(stamps, holes)
@@ -81,7 +81,7 @@ def _rough_step(stamps: np.ndarray) -> tuple[float, int]:
     return float(np.median(stamps[wide:] - stamps[:-wide])) / wide, period
 
 
-def _holes_of_an_exact_clock(stamps: np.ndarray, ratio: np.ndarray) -> tuple[Hole, ...] | None:
+def _holes_of_an_exact_clock(ratio: np.ndarray) -> tuple[Hole, ...] | None:
     """The holes of a clock whose steps are whole multiples of their median; None where they are
     not. ratio : (T - 1,), steps over their median."""
     whole = np.round(ratio)
@@ -95,8 +95,7 @@ def _holes_of_an_exact_clock(stamps: np.ndarray, ratio: np.ndarray) -> tuple[Hol
     if len(apart) > 2 and whole.max() == 2 and np.ptp(apart) <= max(2.0, 0.05 * apart.mean()):
         return ()
     # A step that is no whole multiple is a late stamp or a hole, which only later stamps can tell.
-    odd = np.flatnonzero(~exact)
-    if len(odd):
+    if not exact.all():
         return None
     return tuple(Hole(int(row), int(whole[row]) - 1) for row in rows)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 from lbgc.data.logconfig import ACCEL_UNITS, DEFAULT_ACCEL, DEFAULT_GYRO, GYRO_UNITS, LogConfig
@@ -40,12 +41,12 @@ class Picked:
 def picked(sheet: Sheet, config: LogConfig) -> Picked:
     """Choose the columns to read, by the names or positions in the configuration, or else by the
     meaning of the columns' names. Raises InputError where a column is missing or ambiguous."""
-    says = [described(name, _unit_below(sheet, at)) for at, name in enumerate(sheet.names)]
+    says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
     six = _six(sheet, config, says)
     time = _time(sheet, config, says)
+    given = config.columns or [*config.gyro_columns, *config.accel_columns]
     by_name = [
-        None if _is_position(given) else says[at]
-        for given, at in zip(_given(config, sheet), six, strict=True)
+        None if _is_position(name) else says[at] for name, at in zip(given, six, strict=True)
     ]
     return Picked(
         tuple(six[:3]),
@@ -111,18 +112,6 @@ def _by_position(sheet: Sheet) -> str:
         f"say which are gyro x, y, z and accelerometer x, y, z, counted from 1, such as "
         f"log.columns=[{example}]{time}"
     )
-
-
-def _unit_below(sheet: Sheet, at: int) -> str:
-    """The text beneath a column's name in a row of units."""
-    return sheet.units[at] if at < len(sheet.units) else ""
-
-
-def _given(config: LogConfig, sheet: Sheet) -> list[Any]:
-    """The six columns as the configuration gives them."""
-    if config.columns is not None:
-        return list(config.columns)
-    return [*config.gyro_columns, *config.accel_columns]
 
 
 def _six(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> list[int]:

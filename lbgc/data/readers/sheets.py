@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from lbgc.data.readers import tables
-from lbgc.data.readers.dialects import MOST_BEFORE, Dialect, fields, is_comment, is_number, layout
+from lbgc.data.readers.dialects import (
+    MARKS,
+    MOST_BEFORE,
+    Dialect,
+    fields,
+    is_comment,
+    is_number,
+    layout,
+)
 from lbgc.data.readers.stated import stated_rate
 from lbgc.errors import InputError, reading, require
 
@@ -163,7 +171,7 @@ class _Text:
         for _ in range(self.layout.first):
             at = self.content.index(b"\n", at) + 1
         body = self.content[at:]
-        for mark in (b"#", b"%", b"//", b";", b"!"):
+        for mark in map(str.encode, MARKS):
             if mark != self.layout.separator.encode() and mark in body:
                 body = re.sub(rb"(?m)^[ \t]*" + re.escape(mark) + rb"[^\n]*(\n|\Z)", b"", body)
         if self.layout.separator == " ":

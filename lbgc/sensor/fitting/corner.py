@@ -35,10 +35,10 @@ def profile(
     return {short: gain - out[corners[0]] for short, gain in out.items()}
 
 
-def chosen(profiles: Sequence[dict[float, float]], usual: float = USUAL) -> float:
+def chosen(profiles: Sequence[dict[float, float]]) -> float:
     """The corner, s, that several axes together have the highest likelihood for, or the usual one
     where the gain over it may be chance. profiles : of each axis, as `profile` gives them."""
     common = set.intersection(*(set(p) for p in profiles))
     best = max(common, key=lambda short: sum(p[short] for p in profiles))
-    gain = sum(p[best] for p in profiles) - sum(p[usual] for p in profiles)
-    return best if gain > _EVIDENCE else usual
+    gain = sum(p[best] for p in profiles) - sum(p[USUAL] for p in profiles)
+    return best if gain > _EVIDENCE else USUAL
