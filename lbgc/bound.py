@@ -7,6 +7,7 @@ Two bounds, `crlb` and the expected floor: see lbgc.estimators.floor.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,7 @@ class BoundConfig:
         latitude = float(np.deg2rad(self.latitude))
         return Site(latitude, normal_gravity(latitude, self.height_m))
 
-    @property
+    @cached_property
     def model(self) -> ImuModel:
         """The sensor's error model without the errors that are known."""
         return self.imu.model(self.rate_hz).without(*self.known)

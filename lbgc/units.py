@@ -1,6 +1,7 @@
 """Conversion of datasheet units to SI. The end of a key's name states its unit."""
 
 import math
+from functools import lru_cache
 
 STANDARD_GRAVITY = 9.80665
 """The g of datasheets, m/s^2; it is not gravity at any place on Earth."""
@@ -55,6 +56,7 @@ _SUFFIXES: dict[str, tuple[float, str]] = {
 _LONGEST_FIRST = sorted(_SUFFIXES, key=len, reverse=True)
 
 
+@lru_cache(maxsize=1024)
 def _suffix(key: str) -> str | None:
     """The longest suffix of a key's name that is a unit."""
     return next((s for s in _LONGEST_FIRST if f"_{key}".endswith(f"_{s}")), None)

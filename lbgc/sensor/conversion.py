@@ -23,7 +23,8 @@ _AGREE = 0.15
 
 def to_si(config: Any) -> Triad:
     """The triad of a GyroConfig or AccelConfig. Raises InputError."""
-    every = [list(_terms(config, axis)) for axis in (0, 1, 2)]
+    axes = zip(*_terms(config), strict=True)
+    every = [[term for term in own if term is not None] for own in axes]
     low_pass = [next((t for t in own if isinstance(t, LowPass)), None) for own in every]
     after = [
         [t if f is None else t.behind(f) for t in own if not isinstance(t, LowPass)]
@@ -48,18 +49,21 @@ def to_si(config: Any) -> Triad:
     )
 
 
-def _terms(config: Any, axis: int) -> Iterator[Any]:
-    """What evolves within a recording on an axis, and its output filter, in the order of the
-    table; what has a size of zero is left out."""
+def _terms(config: Any) -> Iterator[list[Any]]:
+    """What evolves within a recording and the output filter, in the order of the table: one of a
+    kind for each axis, None where its size is zero."""
     for own in rows.terms_of(config):
         if isinstance(own, str):
             for line in getattr(config, own):
-                yield from _terms(line, axis)
+                yield from _terms(line)
             continue
         kind, parameters = own
         figures = {name: _parameter(config, keys) for name, keys in parameters.items()}
-        if figures[fields(kind)[0].name][axis] > 0:
-            yield kind(**{name: values[axis] for name, values in figures.items()})
+        size = figures[fields(kind)[0].name]
+        yield [
+            kind(**{name: values[axis] for name, values in figures.items()}) if x > 0 else None
+            for axis, x in enumerate(size)
+        ]
 
 
 def _parameter(config: Any, keys: Sequence[str]) -> Triple:

@@ -48,6 +48,10 @@ class White(GaussianTerm):
         none = np.zeros((0, 0))
         return MeansModel(none, none[0:0].reshape(0), none, np.zeros(0), self.N**2 / interval, none)
 
+    def covariance_of_means(self, n: int, dt: float, block: int = 1, start: int = 0) -> np.ndarray:
+        """N^2/h on the diagonal: what the model of means gives, at once."""
+        return np.eye(n) * (self.N**2 / (dt * block))
+
     def allan_variance(self, tau: np.ndarray) -> np.ndarray:
         """N^2/tau, unit^2, tau (*S) in s."""
         return self.N**2 / np.asarray(tau, dtype=float)
