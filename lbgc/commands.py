@@ -6,20 +6,22 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_type_hints
 
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException, OverrideParseException
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
+from omegaconf.resolvers import oc
 
-from lbgc import sweeps, user_yaml
-from lbgc.errors import InputError, build, reading, require
+from lbgc import command_line, sweeps, user_yaml
+from lbgc.errors import InputError, build, require
 from lbgc.outputs import printable
 from lbgc.sensor.datasheet import ALTERNATIVES
 from lbgc.sweeps import Ended
@@ -36,9 +38,10 @@ def store_defaults(config_class: type) -> list[str]:
     at its default. Returns their names."""
     hints, names = get_type_hints(config_class), []
     for field in (name for name in COMPLETE if name in hints):
-        (own,) = filter(is_dataclass, (hints[field], *get_args(hints[field])))
+        own = user_yaml.group_of(hints[field])
+        assert own is not None
         names.append(f"{field}_defaults")
-        ConfigStore.instance().store(names[-1], as_written(asdict(own())), package=field)  # type: ignore[operator]
+        ConfigStore.instance().store(names[-1], as_written(asdict(own())), package=field)
     return names
 
 
@@ -97,14 +100,8 @@ def run_main(
 
     with sweeps.sweep() as directory:
         try:
-            stored = store_defaults(config_class)
-            for brought in user_yaml.brought(sys.argv[1:]):
-                with reading("--config-dir", brought, "cannot be taken"):
-                    user_yaml.check_directory(brought)
-                for file in (brought / f"{name}.yaml" for name in stored):
-                    ours = "is composed by the program itself, and cannot be brought along"
-                    require(not file.exists(), "--config-dir", file, ours)
-            with _interruptible():
+            store_defaults(config_class)
+            with _brought(config_class), _interruptible():
                 hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
             _conclude(directory, summary)
             if failed:
@@ -122,6 +119,60 @@ def run_main(
         except Exception:
             _conclude(directory, summary)
             raise
+
+
+@contextmanager
+def _brought(config_class: type) -> Iterator[None]:
+    """Check the command line, take `--config-dir` out of what Hydra reads of it, and let Hydra find
+    the files that are brought along as values that stand in no directory. Raises InputError instead
+    of Hydra's error where one that it does not find was refused."""
+    before = sys.argv
+    directory, options, overrides = command_line.taken_apart(before[1:])
+    groups = [place.name for place in Path(CONF).iterdir() if place.is_dir()]
+    for override in OverridesParser.create().parse_overrides(overrides):
+        command_line.require_allowed(override, groups)
+    OmegaConf.register_new_resolver("oc.env", _of_environment, replace=True)
+    refused: dict[str, InputError] = {}
+    try:
+        sys.argv = [before[0], *options, *overrides]
+        if directory is not None:
+            refused = _store_files(directory, config_class)
+        yield
+    except MissingConfigException as error:
+        if error.missing_cfg_file in refused:
+            raise refused[error.missing_cfg_file] from error
+        raise
+    finally:
+        sys.argv = before
+        for group in user_yaml.GROUPS:
+            ConfigStore.instance().repo.pop(group, None)
+
+
+def _store_files(directory: Path, config_class: type) -> dict[str, InputError]:
+    """Let Hydra find the files of a directory; the errors of those that are refused, by
+    GROUP/NAME."""
+    refused: dict[str, InputError] = {}
+    hints = get_type_hints(config_class) | {"experiment": config_class}
+    for group in (group for group in user_yaml.GROUPS if group in hints):
+        schema = user_yaml.group_of(hints[group])
+        assert schema is not None
+        for name, values in user_yaml.read(directory, group, schema).items():
+            own = f"{group}/{name}.yaml"
+            taken = "has the name of a file that comes with lbgc: give it another"
+            require(not Path(CONF, own).exists(), group, directory / own, taken)
+            if isinstance(values, InputError):
+                refused[f"{group}/{name}"] = values
+            else:
+                package = "_global_" if group == "experiment" else None
+                ConfigStore.instance().store(name, values, group, package)
+    return refused
+
+
+def _of_environment(name: str, *default: Any) -> Any:
+    """`${oc.env:NAME}` of the command line, where it is said aloud: what it stands for may get into
+    a dataset that is given away."""
+    print(f"note: {printable(name)} is taken from the environment", file=sys.stderr)
+    return oc.env(name, *default)
 
 
 class _Printable:

@@ -222,13 +222,13 @@ def _defaults() -> object:
 
 
 def _yaml(group: str, name: str, config: type) -> Reader:
-    """As `--config-dir DIR group=name`: checked, then merged into what is there and built."""
+    """As `--config-dir DIR group=name`: read, then merged into what is there and built."""
 
     def read(home: Path) -> object:
-        with reading("--config-dir", home, "cannot be taken"):
-            user_yaml.check_directory(home)
+        raw = user_yaml.read(home, group, config).get("mine", {})
+        if isinstance(raw, InputError):
+            raise raw
         with reading(group, home):  # Hydra's part, whose errors `run_main` says
-            raw = OmegaConf.load(home / group / "mine.yaml")
             own = {} if group == "log" else OmegaConf.select(_defaults(), group)  # type: ignore[arg-type]
             merged = OmegaConf.merge({group: own}, {group: raw})
             values = OmegaConf.to_container(merged, resolve=True)[group]  # type: ignore[index]

@@ -9,9 +9,7 @@ import pytest
 from fuzzing import EDITS, PLANTS, TOKENS, Bench, edited, readers, tiny_trainer
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from omegaconf import OmegaConf
 
-from lbgc import user_yaml
 from lbgc.data import logs
 from lbgc.data.logs import LogConfig
 from lbgc.errors import InputError
@@ -88,19 +86,22 @@ def test_mutations_do_something():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("hydra: {callbacks: {a: {x: 1}}}", "hydra.callbacks cannot be brought along"),
-        ("x: &a {callbacks: 1}\nhydra: *a", "hydra as an alias"),
-        ("a: {_target_: os.system}", "_target_ as a parameter's name"),
-        ("# @package hydra.job_logging\nhandlers: 1", "Hydra's own settings"),
+        ("hydra: {callbacks: {a: {x: 1}}}", "key of it = hydra: choose from name"),
+        ("gyro: {lines: [[{_target_: os.system}]]}", "key of lines = _target_"),
         ("a: !!python/name:os.system x", "the tag"),
-        ("x: &a {b: 1}\n<<: *a", "<< as a parameter's name"),
+        ("gyro: &a {range_deg_per_s: 1}\naccel: {<<: *a}", "key of accel = <<"),
         (
-            "a: &a [x, x]\nb: &b [*a, *a]\n" + "c: [" + "*b, " * 3000 + "*b]",
+            "name: [&a0 [x, x]" + "".join(f", &a{i + 1} [*a{i}, *a{i}]" for i in range(13)) + "]",
             "more than 10000 values",
         ),
+        ("name: [&a x" + ", *a" * 101 + "]", "100 aliases"),
+        ("name: x\nname: y", "name stands there twice"),
+        ("name: a\ndefaults: [mine, _self_]", "too many, or itself"),
+        ("defaults: [/hydra/callbacks@hydra.callbacks: x]", "in its list of defaults"),
+        ("defaults: [stim300, sdc500]", "takes _self_ and one other file of imu"),
         ("[" * 30 + "]" * 30, "nested more than 20 deep"),
-        ("a: ${b}${c}", "more than one"),
-        ("a: " + "9" * 5000, "more than 400 digits"),
+        ("name: ${b}", "${...} is not filled in"),
+        ("name: " + "9" * 5000, "more than 1000 characters"),
         ("gyro: {tone_hz: " + "9" * 400 + "}", "must be a finite number"),
         ("a: b: c", "mapping values are not allowed"),
         ("a: \ufffe", "not"),
@@ -113,33 +114,6 @@ def test_configurations_that_could_run_or_grow_are_refused(tmp_path, cli, text, 
     assert done.code == 2
     assert says in done.err
     assert "Traceback" not in done.err
-
-
-def test_a_directory_of_configurations_holds_its_own(tmp_path, cli):
-    """No link to another directory, no settings of Hydra's, no pipe."""
-    (tmp_path / "other").mkdir()
-    for name, says in (("imu", "is a link"), ("hydra", "own settings"), ("mine.yaml", "no file")):
-        home = tmp_path / f"of {name}"
-        home.mkdir()
-        if name == "imu":
-            (home / name).symlink_to(tmp_path / "other")
-        elif name == "hydra":
-            (home / name).mkdir()
-            (home / name / "x.yaml").write_text("a: 1")
-        else:
-            os.mkfifo(home / name)
-        assert says in cli("lbgc.bound", f"--config-dir={home}", "imu=mine").err
-
-
-def test_what_hydra_may_be_told_is_taken():
-    """A launcher's settings, for a sweep on a cluster."""
-    text = "# @package _global_\nhydra: {launcher: {timeout_min: 60}, sweeper: {params: {seed: 1}}}"
-    user_yaml.check(text.encode(), "x.yaml")
-    assert user_yaml.brought(["-cd", "a", "x=1", "--config-path=b"]) == [Path("a"), Path("b")]
-    for file in (Path(__file__).parents[1] / "conf").rglob("*.yaml"):
-        if OmegaConf.load(file):  # ours hold Hydra's help texts, which nobody else's may
-            content = file.read_bytes().split(b"\nhydra:")[0]
-            user_yaml.check(content, str(file))
 
 
 @pytest.mark.parametrize("path", ["~no-such-user/x.csv", "x" * 5000, "a\x00b", "/dev/zero", "."])

@@ -7,15 +7,21 @@ spoiled in many ways, checksums made to fit in a share of them, and read in work
 have 1 GB of memory and 10 s a file. A reading must end in InputError or in a possible answer (the
 right one, where checksums are kept), and must not, as an audit hook sees it, import a module, start
 a process, reach for the network, or open what lies outside its directory.
+
+Then whole command lines with directories that are brought along (`--config-dir`), made to have
+something run, read, written or told (tests/escapes.py): whether any gets out.
 """
 
+import json
 import multiprocessing
 import os
 import resource
+import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from itertools import pairwise
 from multiprocessing.process import BaseProcess
 from multiprocessing.sharedctypes import SynchronizedArray
 from pathlib import Path
@@ -208,6 +214,26 @@ def main() -> None:
             "mutated_files": sum(sum(count.values()) for count in counts.values()),
             "reader_crashes": sum(count["wrong"] for count in counts.values()),
         }
+        audit(study)
+
+
+def audit(study: Report) -> None:
+    """Attempts to get out, in as many processes as workers."""
+    program, total = str(Path(__file__).parents[1] / "escapes.py"), CASES["audit"]
+    bounds = np.linspace(0, total, CASES["workers"] + 1).astype(int)
+    processes = [
+        subprocess.Popen(
+            [sys.executable, program, *map(str, (CASES["seed"], first, after - first))],
+            stdout=subprocess.PIPE, text=True,
+        )
+        for first, after in pairwise(bounds)
+    ]  # fmt: skip
+    found = [json.loads(process.communicate()[0]) for process in processes]
+    escapes = [said for one in found for said in one["escapes"]]
+    for said in escapes:
+        study.line(said)
+    study.line(f"{total} configurations and command lines tried, {len(escapes)} got out")
+    study.summary |= {"audit_variants": total, "audit_escapes": len(escapes)}
 
 
 def _fast() -> str | None:
