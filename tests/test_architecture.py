@@ -23,6 +23,7 @@ BASE = {
     "lbgc.units",
     "lbgc.outputs",
     "lbgc.cores",
+    "lbgc.processes",
 }
 MAY_IMPORT = {
     "lbgc.units": set(),
@@ -31,9 +32,11 @@ MAY_IMPORT = {
     "lbgc.frames": set(),
     "lbgc.user_yaml": set(),
     "lbgc.cores": set(),
+    "lbgc.processes": set(),
+    "lbgc.ending": {"lbgc.errors"},
     "lbgc.sweeps": {"lbgc.outputs"},
     "lbgc.errors": {"lbgc.units", "lbgc.outputs"},
-    "lbgc.commands": BASE | {"lbgc.user_yaml", "lbgc.sweeps", "lbgc.sensor"},
+    "lbgc.commands": BASE | {"lbgc.ending", "lbgc.user_yaml", "lbgc.sweeps", "lbgc.sensor"},
     "lbgc.protocol": {"lbgc.errors"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},
