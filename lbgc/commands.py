@@ -1,6 +1,7 @@
 """Running an entry point; the only module that knows Hydra."""
 
 import _thread
+import logging
 import os
 import sys
 import threading
@@ -20,9 +21,10 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from omegaconf.resolvers import oc
 
-from lbgc import command_line, sweeps, user_yaml
+from lbgc import command_line, ending, sweeps, user_yaml
 from lbgc.errors import InputError, build, require
 from lbgc.outputs import printable
+from lbgc.processes import end_with_parent
 from lbgc.sensor.datasheet import ALTERNATIVES
 from lbgc.sweeps import Ended
 
@@ -66,15 +68,21 @@ def run_main(
     score : a result's figure that an optimising sweeper minimises; summary : prints a summary of
     all results when a sweep ends.
 
-    Exit codes: 0 done, 2 the input was wrong (one clear message, no traceback), 130 interrupted.
+    Exit codes: 0 done, 2 the input was wrong, or files could not be read or written (one clear
+    message, no traceback), 128 + n told to end by the signal n (SIGINT, SIGTERM, SIGHUP), 141 what
+    it printed was not read to its end; the work was done all the same.
     In a sweep each failing job is named and the others go on, in whatever process; the sweep then
     ends with 2, or with 1 and a traceback where it was no input that was wrong.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions reach this function; else Hydra exits with 1
+    logging.getLogger().addHandler(logging.NullHandler())  # what libraries log is no answer
     failed: list[str] = []
+    here = os.getpid()
 
     def job(raw: DictConfig) -> float | None:
         """Run one job with Hydra's configuration; its score."""
+        if os.getpid() != here:  # a launcher's other process
+            end_with_parent()
         run = HydraConfig.get()
         sweeping = run.mode == RunMode.MULTIRUN
         own = (int(run.job.num), run.job.override_dirname) if sweeping else (0, "")
@@ -83,12 +91,12 @@ def run_main(
             _replace_alternatives(values, run.overrides.task)
             with redirect_stdout(_Printable(sys.stdout)):
                 path = main(build(config_class, values))  # type: ignore[arg-type]
-        except Exception as error:
+        except Exception as raised:
+            error = ending.said(raised) if isinstance(raised, OSError) else raised
             if sweeping:  # a job in a launcher's other process cannot report a failure otherwise
                 sweeps.report(Ended(*own, None, str(error) or type(error).__name__))
-                raise
-            if not isinstance(error, InputError):
-                raise
+            if sweeping or not isinstance(error, InputError):
+                raise error from raised
             failed.append(str(error))
             print(f"error: {error}", file=sys.stderr)
             return None
@@ -98,12 +106,15 @@ def run_main(
             sweeps.report(Ended(*own, None if path is None else str(path), None))
         return None if score is None or path is None else score(Path(path))
 
-    with sweeps.sweep() as directory:
+    with ending.streams() as out, ending.Signals() as told, sweeps.sweep() as directory:
         try:
             store_defaults(config_class)
             with _brought(config_class), _interruptible():
                 hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
             _conclude(directory, summary)
+            out.flush()
+            if out.lost is not None:
+                sys.exit(2 if failed else ending.unprinted(out.lost))
             if failed:
                 sys.exit(2)
         except InputError as error:
@@ -113,9 +124,13 @@ def run_main(
         except (HydraException, OmegaConfBaseException, RecursionError) as error:
             print(f"error: {printable(_message_of(error))}", file=sys.stderr)
             sys.exit(2)
+        except OSError as error:
+            _conclude(directory, summary)
+            print(f"error: {ending.said(error)}", file=sys.stderr)
+            sys.exit(2)
         except KeyboardInterrupt:
             print("interrupted; run the same command again to go on", file=sys.stderr)
-            sys.exit(130)
+            sys.exit(128 + told.number)
         except Exception:
             _conclude(directory, summary)
             raise

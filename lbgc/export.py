@@ -12,6 +12,8 @@ from lbgc.commands import run_main
 from lbgc.errors import InputError, require
 from lbgc.learning import onnx
 from lbgc.learning.estimator import compute_torch, load_net
+from lbgc.learning.model import HeadingNet
+from lbgc.outputs import write_atomically
 from lbgc.sensor import streams
 
 AGREES = 1e-5
@@ -41,7 +43,23 @@ def main(config: ExportConfig) -> Path:
     net, said = load_net(config.run)
     file = Path(config.out or Path(config.run) / "model.onnx")
     partial = file.with_name(f".{file.name}.partial")
-    onnx.write(net, said, partial)
+    try:
+        onnx.write(net, said, partial)
+        worst = _worst(net, partial)
+        if worst > AGREES:
+            raise InputError("run", config.run, "", f"differs by {worst:.2g} rad as ONNX")
+        write_atomically(file, partial.read_bytes())
+    except OSError as error:
+        error.filename = str(file)
+        raise
+    finally:
+        partial.unlink(missing_ok=True)
+    print(f"ONNX Runtime and PyTorch agree to {worst:.1g} rad")
+    return file
+
+
+def _worst(net: HeadingNet, partial: Path) -> float:
+    """Largest difference, rad, between a network's answers by PyTorch and by its ONNX file."""
     exported = onnx.load(partial)
     rng = streams.figures()
     worst = 0.0
@@ -50,12 +68,7 @@ def main(config: ExportConfig) -> Path:
         x = (size * rng.standard_normal((windows, samples, len(size)))).astype(np.float32)
         for ours, theirs in zip(compute_torch(net, x), exported.compute(x), strict=True):
             worst = max(worst, float(np.nanmax(np.abs(ours - theirs), initial=0.0)))
-    if worst > AGREES:
-        partial.unlink()
-        raise InputError("run", config.run, "", f"differs by {worst:.2g} rad as ONNX")
-    partial.replace(file)
-    print(f"ONNX Runtime and PyTorch agree to {worst:.1g} rad")
-    return file
+    return worst
 
 
 if __name__ == "__main__":

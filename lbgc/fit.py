@@ -20,6 +20,7 @@ from lbgc.estimators.level import tilts_of
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.report import calibration_table
 from lbgc.report.allan_page import AllanData, draw
+from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
@@ -93,7 +94,7 @@ def main(config: FitConfig) -> Path:
     for part in PARTS:
         data = AllanData(part, getattr(static, part), static.dt, static.latitude)
         for name, figure in draw(data, fits[part]).items():
-            figure.savefig(directory / f"{name}.png", dpi=130)
+            write_atomically(directory / f"{name}.png", png(figure))
     mark_latest(directory)
     print("use it:")
     print(f"python sim/generate.py --config-dir {directory} imu={config.name}")

@@ -4,7 +4,9 @@ import hashlib
 import json
 import math
 import os
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -70,11 +72,17 @@ def task_directory(task: str, identity: str) -> Path:
 
 
 def mark_latest(directory: Path) -> None:
-    """Let the link `latest` beside a task's directory point to it, once its content is finished."""
-    new = directory.with_name(f".latest-{os.getpid()}")
-    new.unlink(missing_ok=True)
-    new.symlink_to(directory.name)
-    new.replace(directory.with_name("latest"))
+    """Let the link `latest` beside a task's directory point to it, once its content is finished.
+    Where that cannot be, as on a file system without links, it is said: the content is as good."""
+    new, link = directory.with_name(f".latest-{os.getpid()}"), directory.with_name("latest")
+    try:
+        new.unlink(missing_ok=True)
+        new.symlink_to(directory.name)
+        new.replace(link)
+    except OSError as error:
+        with suppress(OSError):
+            new.unlink(missing_ok=True)
+        print(f"no link {printable(str(link))} was made ({error.strerror})", file=sys.stderr)
 
 
 def read_file(path: Path) -> bytes:
@@ -85,8 +93,32 @@ def read_file(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file whole or not at all."""
+def write_atomically(path: Path, content: str | bytes, promised: bool = True) -> None:
+    """Write a file whole or not at all. promised : whether it is on the disk when this returns, so
+    that not even a power cut takes it away. Raises OSError, with the file's name."""
     partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
-    partial.write_bytes(content.encode() if isinstance(content, str) else content)
-    partial.replace(path)
+    try:
+        with partial.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            if promised:
+                file.flush()
+                os.fsync(file.fileno())
+        partial.replace(path)
+    except BaseException as error:
+        with suppress(OSError):  # what is half-written only takes room
+            partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = str(path)
+        raise
+    if promised:
+        sync_names(path.parent)
+
+
+def sync_names(directory: Path) -> None:
+    """Bring a directory's names to the disk, where its file system can be asked to."""
+    with suppress(OSError):
+        descriptor = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -35,7 +35,7 @@ from lbgc.learning.stream import Streamed
 from lbgc.learning.trainer import SCHEDULES, Trainer, TrainingPlan
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.prospects import prospects
-from lbgc.report.figures import loss_curve
+from lbgc.report.figures import loss_curve, png
 from lbgc.sensor.datasheet import ImuConfig
 
 CHECKPOINT = "checkpoint.safetensors"
@@ -264,7 +264,7 @@ def _write_history(run: Path, history: Sequence[dict[str, float]]) -> None:
 def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: Trainer) -> None:
     """Write all files of a run, the description last, since it marks the run as finished."""
     history = trainer.history
-    loss_curve(history).savefig(run / "loss.png", dpi=150)
+    write_atomically(run / "loss.png", png(loss_curve(history), dpi=150))
     weights = {k: v.cpu().contiguous() for k, v in trainer.best.items()}
     stored = save(weights)
     write_atomically(run / WEIGHTS, stored)

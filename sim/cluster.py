@@ -4,23 +4,13 @@ A task is a whole shard, which depends on the configuration and its own number a
 worker makes it, and however often, the bytes are the same. Shards of a lost worker are made again.
 """
 
-import os
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import (
-    active_children,
-    connection,
-    get_context,
-    parent_process,
-    set_start_method,
-)
+from multiprocessing import set_start_method
 
-from lbgc import cores
+from lbgc import cores, processes
 from lbgc.errors import InputError, require, require_choice
 
 _LOSSES = 3
@@ -83,76 +73,29 @@ def _by_processes(
     """Run the tasks in processes on this machine, with a new pool after workers were lost."""
     left, losses = list(shards), 0
     while left:
-        with _uninterrupted():
-            pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker)
-        # A second block, since Python lifts the mask to start its resource tracker.
-        with _uninterrupted():
-            futures = {pool.submit(task, shard): shard for shard in left}
         try:
-            for future in as_completed(futures):
-                future.result()
-                left.remove(futures[future])
-                losses = 0
-                yield futures[future]
+            with processes.pool(workers, _start_worker) as pool:
+                # Uninterrupted, since Python lifts the mask to start its resource tracker.
+                with processes.uninterrupted():
+                    futures = {pool.submit(task, shard): shard for shard in left}
+                for future in as_completed(futures):
+                    future.result()
+                    left.remove(futures[future])
+                    losses = 0
+                    yield futures[future]
         except BrokenProcessPool:
             losses += 1
             what = "workers keep being killed: is there memory enough for so many?"
             require(losses < _LOSSES, "cluster.workers", workers, what)
-        except BaseException:
-            # After any other error nobody waits for the shards that were begun.
-            with _uninterrupted():
-                for child in active_children():
-                    child.terminate()
-            raise
-        finally:
-            with _uninterrupted():
-                pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """A context that delays an interruption (SIGINT) to its end; processes that are started in it
-    never get one, because they inherit the signal mask.
-
-    An interruption half-way through would make the pool lose a worker, or remove a semaphore
-    without the knowledge of Python's resource tracker, which complains of each at the end.
-    """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield  # interruptions reach the main thread only, or are ignored, or end the process
-        return
-    came: list[bool] = []
-    signal.signal(signal.SIGINT, lambda *_: came.append(True))
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        signal.signal(signal.SIGINT, before)
-        if came:
-            signal.raise_signal(signal.SIGINT)
 
 
 def _start_worker() -> None:
-    """Prepare a worker: it ignores interruptions, which its parent handles, and ends when its
-    parent is killed.
-
-    A worker may be told to end (SIGTERM) at any time, perhaps twice, and does so at once. So it
-    must own nothing that outlives it. A lock, such as the compressor's, has no name from the start
-    under the start method "fork" (no process is forked here), and a name to be removed under
-    others.
+    """Prepare a worker: it may be told to end (SIGTERM) at any time, perhaps twice, and does so at
+    once. So it must own nothing that outlives it. A lock, such as the compressor's, has no name
+    from the start under the start method "fork" (no process is forked here), and a name to be
+    removed under others.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     set_start_method("fork", force=True)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """Wait until the parent process has ended, then end this one."""
-    parent = parent_process()
-    assert parent is not None
-    connection.wait([parent.sentinel])
-    os._exit(1)
 
 
 def _by_dask(address: str, task: Callable[[int], object], shards: Sequence[int]) -> Iterator[int]:

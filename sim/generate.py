@@ -19,7 +19,7 @@ from tqdm import tqdm
 import lbgc
 from lbgc.commands import run_main
 from lbgc.data import store
-from lbgc.data.place import Place
+from lbgc.data.place import Place, writing
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.shard import Shard
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
@@ -77,11 +77,16 @@ def _generate(config: GenerateConfig, place: Place, sensor: Sensor) -> None:
         if config.cluster.kind == "serial":
             for shard in shards:
                 _make(config, dataset, shard, bar.update)
-            return
-        require(not place.in_memory, "out", place, "is this process's alone: use cluster=serial")
-        for shard in cluster.finished(config.cluster, partial(make_shard, config, where), shards):
-            bar.update(len(dataset.layout.rows(shard)))
+        else:
+            alone = "is this process's alone: use cluster=serial"
+            require(not place.in_memory, "out", place, alone)
+            task = partial(make_shard, config, where)
+            for shard in cluster.finished(config.cluster, task, shards):
+                bar.update(len(dataset.layout.rows(shard)))
     store.remove_strays(place)  # partial files of workers that were lost
+    if shards:
+        with writing(place):
+            place.settle()
 
 
 def make_shard(config: GenerateConfig, path: str, shard: int) -> None:

@@ -2,6 +2,7 @@
 forces."""
 
 import copy
+import io
 import os
 import sys
 import time
@@ -15,6 +16,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from lbgc.errors import InputError, require
+from lbgc.outputs import write_atomically
 from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.sensor.streams import Purpose, recording
 
@@ -78,15 +80,17 @@ def view(config: ViewConfig) -> Path | None:
         return None
     out = Path(config.out)
     out.parent.mkdir(parents=True, exist_ok=True)
+    content = io.BytesIO()
     if out.suffix == ".png":
         (pixels,) = _rendered(config, np.deg2rad([config.plate_angle_deg]))
-        Image.fromarray(pixels).save(out)
+        Image.fromarray(pixels).save(content, "PNG")
     else:
-        _film(config, out)
+        _film(config, content)
+    write_atomically(out, content.getvalue())
     return out
 
 
-def _film(config: ViewConfig, out: Path) -> None:
+def _film(config: ViewConfig, out: io.BytesIO) -> None:
     """Write a film of the plan in real time, above plots of rate, specific force and plate angle
     over time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # half a second; only for films
@@ -124,7 +128,7 @@ def _film(config: ViewConfig, out: Path) -> None:
         whole = Image.fromarray(np.concatenate([above, strip]))
         frames.append(whole.quantize(_COLOURS, dither=Image.Dither.NONE))
     every = round(1000 / _FRAMES_A_S)
-    frames[0].save(out, save_all=True, append_images=frames[1:], duration=every, loop=0)
+    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=every, loop=0)
 
 
 def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> Iterator[np.ndarray]:

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import signal
 import sys
 
 # Read when NumPy and PyTorch are first imported, so by the workers that xdist starts and by what
@@ -76,11 +77,14 @@ def cli(monkeypatch, capsys, tmp_path):
     def call(module: str, *arguments: str) -> Outcome:
         monkeypatch.setattr(sys, "argv", [module, *arguments])
         capsys.readouterr()
-        code = 0
+        code, before = 0, {n: signal.getsignal(n) for n in (signal.SIGTERM, signal.SIGHUP)}
         try:
             run_main(*ENTRY_POINTS[module])
         except SystemExit as exit_:
             code = int(exit_.code or 0)
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
         said = capsys.readouterr()
         return Outcome(code, said.out, said.err)
 

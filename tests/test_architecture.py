@@ -23,6 +23,7 @@ BASE = {
     "lbgc.units",
     "lbgc.outputs",
     "lbgc.cores",
+    "lbgc.processes",
 }
 MAY_IMPORT = {
     "lbgc.units": set(),
@@ -32,9 +33,12 @@ MAY_IMPORT = {
     "lbgc.user_yaml": {"lbgc.errors"},
     "lbgc.command_line": {"lbgc.errors"},
     "lbgc.cores": set(),
+    "lbgc.processes": set(),
+    "lbgc.ending": {"lbgc.errors"},
     "lbgc.sweeps": {"lbgc.outputs"},
     "lbgc.errors": {"lbgc.units", "lbgc.outputs"},
-    "lbgc.commands": BASE | {"lbgc.user_yaml", "lbgc.command_line", "lbgc.sweeps", "lbgc.sensor"},
+    "lbgc.commands": BASE
+    | {"lbgc.ending", "lbgc.user_yaml", "lbgc.command_line", "lbgc.sweeps", "lbgc.sensor"},
     "lbgc.protocol": {"lbgc.errors"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},

@@ -26,7 +26,8 @@ from lbgc.data.store import Dataset
 from lbgc.errors import InputError
 from lbgc.info import InfoConfig, as_override
 from lbgc.outputs import fingerprint
-from sim.cluster import ClusterConfig, _uninterrupted, finished
+from lbgc.processes import uninterrupted
+from sim.cluster import ClusterConfig, finished
 
 LAYOUT = Layout(20, 4200, 50.0, {"gyro": 1e-6, "accel": 1e-5})
 """Two shards of several chunks each."""
@@ -263,7 +264,7 @@ def test_what_must_not_be_interrupted_is_not():
     done = []
 
     def work() -> None:
-        with _uninterrupted():
+        with uninterrupted():
             signal.raise_signal(signal.SIGINT)
             done.append(True)
 
@@ -301,10 +302,10 @@ def test_an_interruption_inside_a_callback_is_not_lost(monkeypatch, capsys):
 def test_a_full_disk_is_named_and_what_is_finished_stays(cli, tmp_path, monkeypatch, digest):
     put = place.write_atomically
 
-    def full(path, content):
+    def full(path, content, promised):
         if path.parts[-4:] == ("c", "1", "0", "0"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        put(path, content)
+        put(path, content, promised)
 
     monkeypatch.setattr(place, "write_atomically", full)
     done = cli("sim.generate", *SIZE)

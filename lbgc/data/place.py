@@ -1,5 +1,6 @@
 """The location of a dataset's files: a local directory, or whatever fsspec finds behind a URL."""
 
+import ctypes
 import fcntl
 import os
 import stat
@@ -10,7 +11,7 @@ from pathlib import Path
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
-from lbgc.errors import InputError
+from lbgc.errors import InputError, reading
 from lbgc.outputs import write_atomically
 
 
@@ -34,10 +35,8 @@ class Place:
         if "://" not in self._where:
             self.local = Path(self._where)
             return
-        try:
+        with reading("path", where, "cannot be opened"):
             self._files, self._root = fsspec.url_to_fs(self._where)
-        except (ValueError, ImportError) as error:
-            raise InputError("path", where, "", f"cannot be opened ({error})") from error
         if isinstance(self._files, LocalFileSystem):
             self.local = Path(self._root)
 
@@ -63,9 +62,13 @@ class Place:
         followed."""
         if self.local is None:
             prefix = self._root.rstrip("/") + "/"
-            return sorted(path.removeprefix(prefix) for path in self._files.find(self._root))
+            with self._reached():
+                try:
+                    return sorted(p.removeprefix(prefix) for p in self._files.find(self._root))
+                except FileNotFoundError:
+                    return []
         found = []
-        for directory, inside, files in os.walk(self.local):
+        for directory, inside, files in os.walk(self.local, onerror=_unreadable):
             own = Path(directory)
             links = [d for d in inside if (own / d).is_symlink()]
             found += [(own / f).relative_to(self.local).as_posix() for f in (*files, *links)]
@@ -89,34 +92,71 @@ class Place:
                 return False
         try:
             return stat.S_ISREG((place / last).lstat().st_mode)
-        except OSError:
+        except (FileNotFoundError, NotADirectoryError):
             return False
 
     def read(self, name: str) -> bytes | None:
         """A file's content; None where there is no such file, or where it is not the directory's
         own (see `is_own`)."""
-        try:
-            if self.local is not None:
-                return (self.local / name).read_bytes() if self.is_own(name) else None
-            return bytes(self._files.cat_file(f"{self._root}/{name}"))
-        except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
-            return None
+        with self._reached():
+            try:
+                if self.local is not None:
+                    return (self.local / name).read_bytes() if self.is_own(name) else None
+                return bytes(self._files.cat_file(f"{self._root}/{name}"))
+            except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+                return None
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file completely or, where that fails locally, not at all."""
         if self.local is not None:
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, content)
-        else:
+            write_atomically(path, content, promised=False)
+            return
+        with self._reached():
             self._files.pipe_file(f"{self._root}/{name}", content)
 
     def remove(self, name: str) -> None:
         """Remove a file, or a link but not its target, if it is there."""
         if self.local is not None:
             (self.local / name).unlink(missing_ok=True)
-        elif self._files.exists(f"{self._root}/{name}"):
-            self._files.rm_file(f"{self._root}/{name}")
+            return
+        with self._reached():
+            if self._files.exists(f"{self._root}/{name}"):
+                self._files.rm_file(f"{self._root}/{name}")
+
+    def settle(self) -> None:
+        """Wait until all that was written here is on the disk, so that not even a power cut takes
+        it away. It takes one call: a file at a time would take longer than to make them."""
+        if self.local is None:
+            return
+        directory = os.open(self.local, os.O_RDONLY)
+        try:
+            system = ctypes.CDLL(None, use_errno=True)
+            if not hasattr(system, "syncfs"):
+                os.sync()
+            elif system.syncfs(directory) != 0:
+                code = ctypes.get_errno()
+                raise OSError(code, os.strerror(code), str(self.local))
+        finally:
+            os.close(directory)
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        """A context in which whatever a URL's file system says becomes InputError: each has errors
+        of its own for a place, a credential or a package that is missing. A local one's are the
+        operating system's, and stay."""
+        if self.local is not None:
+            yield
+            return
+        try:
+            with reading("path", self, "cannot be used"):
+                yield
+        except InputError as error:
+            if isinstance(error.__cause__, NotImplementedError):
+                what = "cannot be written: its protocol is for reading only"
+                raise InputError("path", self, "", what) from error
+            raise
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -143,6 +183,12 @@ class Place:
             yield
         finally:
             os.close(directory)
+
+
+def _unreadable(error: OSError) -> None:
+    """Raise what os.walk met, except where nothing is there."""
+    if not isinstance(error, FileNotFoundError | NotADirectoryError):
+        raise error
 
 
 @contextmanager

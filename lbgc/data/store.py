@@ -227,6 +227,8 @@ class Dataset:
         array = self._array(f"manifest/{name}")
         try:
             return np.asarray(array[:])
+        except OSError:  # nothing is known of what cannot be read
+            raise
         except Exception:  # whatever its decoders say of what is damaged
             rows = np.zeros(array.shape, np.uint8)
             for shard in range(len(rows)):

@@ -1,6 +1,7 @@
 """Training batches that are drawn ahead, while the network takes the step before."""
 
 import multiprocessing
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -12,7 +13,8 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch.utils.data import DataLoader, Dataset
 
-from lbgc import cores
+from lbgc import cores, processes
+from lbgc.errors import InputError
 from lbgc.learning.batches import Examples
 from lbgc.sensor import streams
 
@@ -21,6 +23,8 @@ Batch: TypeAlias = tuple[np.ndarray, ...]
 _MOST_PROCESSES = 4
 """Most processes that draw. A small network's step takes a third of the time that its batch takes
 to draw."""
+_HOW = "fork" if sys.platform == "linux" else "spawn"
+"""How they are started, whatever a launcher has set for its own."""
 
 
 @dataclass(frozen=True)
@@ -66,18 +70,26 @@ def _processes() -> int:
 
 def _by_processes(count: int, batches: Batches, steps: range) -> Iterator[Batch]:
     """Batches drawn by `count` processes, which end when this iterator is deleted, or when their
-    parent is killed."""
-    return iter(
-        DataLoader(
-            batches,
-            batch_size=None,
-            sampler=steps,
-            num_workers=count,
-            collate_fn=_unchanged,  # no tensors: small ones take longer between processes
-            worker_init_fn=_one_blas_thread,
-            generator=torch.Generator(),  # for seeds that nothing uses; spares the global one
-        )
+    parent is killed. Raises InputError where one of them is lost."""
+    loader = DataLoader(
+        batches,
+        batch_size=None,
+        sampler=steps,
+        num_workers=count,
+        collate_fn=_unchanged,  # no tensors: small ones take longer between processes
+        worker_init_fn=_start,
+        generator=torch.Generator(),  # for seeds that nothing uses; spares the global one
+        multiprocessing_context=multiprocessing.get_context(_HOW),
     )
+    with processes.uninterrupted():
+        drawn = iter(loader)
+    try:
+        yield from drawn
+    except RuntimeError as error:
+        if not str(error).startswith("DataLoader worker"):
+            raise
+        what = "the processes that draw were killed: is there memory enough? run it again to go on"
+        raise InputError("batch", batches.batch, "windows", what) from error
 
 
 def _unchanged(batch: Any) -> Any:
@@ -85,8 +97,9 @@ def _unchanged(batch: Any) -> Any:
     return batch
 
 
-def _one_blas_thread(_: int) -> None:
-    """Limit a process that draws to one BLAS thread."""
+def _start(_: int) -> None:
+    """Prepare a process that draws; it has one BLAS thread."""
+    processes.serve()
     threadpool_limits(1, "blas")
 
 

@@ -1,6 +1,7 @@
 """A trained network as ONNX: features in, heading and sigma out, any batch and window length."""
 
 import json
+import logging
 import math
 import re
 import warnings
@@ -50,17 +51,18 @@ def write(net: HeadingNet, said: Mapping[str, Any], file: Path) -> None:
     _needed("onnxscript")
     graph, x = _Graph(net).eval(), torch.zeros(*_EXAMPLE, net.config.features)
     names: dict[str, Any] = {"input_names": [INPUT], "output_names": list(OUTPUTS)}
-    if net.config.cell == "rnn":  # the export below would fix it to one window length
-        with warnings.catch_warnings(action="ignore"):
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings(action="ignore"):
+        if net.config.cell == "rnn":  # the export below would fix it to one window length
             torch.onnx.export(graph, (x,), file, dynamo=False, opset_version=_OPSET,
                               dynamic_axes={INPUT: dict(enumerate(_FREE))}, **names)  # fmt: skip
-        model = onnx.load(file)
-    else:
-        free = {0: torch.export.Dim(_FREE[0]), 1: torch.export.Dim(_FREE[1], min=2)}
-        program = torch.onnx.export(graph, (x,), dynamic_shapes=(free,), dynamo=True,
-                                    verbose=False, **names)  # fmt: skip
-        assert program is not None
-        model = program.model_proto
+            model = onnx.load(file)
+        else:
+            free = {0: torch.export.Dim(_FREE[0]), 1: torch.export.Dim(_FREE[1], min=2)}
+            program = torch.onnx.export(graph, (x,), dynamic_shapes=(free,), dynamo=True,
+                                        verbose=False, **names)  # fmt: skip
+            assert program is not None
+            model = program.model_proto
     for key, value in ((_SAID, as_json(said)), (_SEALED, UNSEALED)):
         entry = model.metadata_props.add()
         entry.key, entry.value = key, value

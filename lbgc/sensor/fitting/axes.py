@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from multiprocessing import get_context
 from queue import Empty
@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from lbgc import cores
+from lbgc.processes import pool, uninterrupted
 from lbgc.sensor.fitting import resting_axis
 from lbgc.sensor.fitting.noise_fit import Fit
 
@@ -46,14 +47,11 @@ def fitted(
         for name, one in series.items():
             yield name, _fit(one, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
         return
-    context = get_context("spawn")
-    said = context.Queue()
-    with _one_thread_each(), ProcessPoolExecutor(workers, context, _start, (said,)) as pool:
-        try:
-            begun = {pool.submit(_task, n, one, dt, corners): n for n, one in series.items()}
-            yield from _finished(begun, said, say)
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    said = get_context("spawn").Queue()
+    with _one_thread_each(), pool(workers, _start, said) as own:
+        with uninterrupted():
+            begun = {own.submit(_task, n, one, dt, corners): n for n, one in series.items()}
+        yield from _finished(begun, said, say)
 
 
 def _finished(begun: dict[Future[Fit], Name], said: Any, say: Say) -> Iterator[tuple[Name, Fit]]:
