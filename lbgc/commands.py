@@ -2,6 +2,7 @@
 
 import _thread
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -18,8 +19,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
-from lbgc import sweeps, user_yaml
+from lbgc import fault, sweeps, user_yaml
 from lbgc.errors import InputError, build, reading, require
+from lbgc.fault import Fault
 from lbgc.outputs import printable
 from lbgc.sensor.datasheet import ALTERNATIVES
 from lbgc.sweeps import Ended
@@ -27,6 +29,7 @@ from lbgc.sweeps import Ended
 _PLACES = [parent / "conf" for parent in Path(__file__).resolve().parents[:2]]
 CONF = str(next(filter(Path.is_dir, _PLACES), _PLACES[0]))
 """In lbgc/ where that was installed, beside it in the checkout."""
+_NO_NAME = re.compile(r"null|none|~|true|false|[-+]?[\d.]+(e[-+]?\d+)?", re.IGNORECASE)
 COMPLETE = ("imu", "scene", "protocol")
 """Groups whose files say only what they change: the rest is as the dataclass has it."""
 
@@ -63,12 +66,13 @@ def run_main(
     score : a result's figure that an optimising sweeper minimises; summary : prints a summary of
     all results when a sweep ends.
 
-    Exit codes: 0 done, 2 the input was wrong (one clear message, no traceback), 130 interrupted.
-    In a sweep each failing job is named and the others go on, in whatever process; the sweep then
-    ends with 2, or with 1 and a traceback where it was no input that was wrong.
+    Exit codes: 0 done, 2 the input was wrong (one clear message), 3 a fault of this program's own
+    (two lines: what and where, and the file with its traceback), 130 interrupted. In a sweep each
+    failing job is named and the others go on, in whatever process; the sweep then ends with 2, or
+    with 3 where any job had a fault of its own.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions reach this function; else Hydra exits with 1
-    failed: list[str] = []
+    failed: list[int] = []  # exit codes
 
     def job(raw: DictConfig) -> float | None:
         """Run one job with Hydra's configuration; its score."""
@@ -76,27 +80,24 @@ def run_main(
         sweeping = run.mode == RunMode.MULTIRUN
         own = (int(run.job.num), run.job.override_dirname) if sweeping else (0, "")
         try:
-            values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
-            _replace_alternatives(values, run.overrides.task)
-            with redirect_stdout(_Printable(sys.stdout)):
-                path = main(build(config_class, values))  # type: ignore[arg-type]
+            path = _run(main, config_class, raw, run.overrides.task)
         except Exception as error:
             if sweeping:  # a job in a launcher's other process cannot report a failure otherwise
-                sweeps.report(Ended(*own, None, str(error) or type(error).__name__))
+                sweeps.report(Ended(*own, None, str(error), isinstance(error, Fault)))
                 raise
-            if not isinstance(error, InputError):
+            if not isinstance(error, InputError | Fault):
                 raise
-            failed.append(str(error))
-            print(f"error: {error}", file=sys.stderr)
+            failed.append(_said(error, fault.EXIT if isinstance(error, Fault) else 2))
             return None
         if path is not None:
             print(path, flush=True)
         if sweeping:
-            sweeps.report(Ended(*own, None if path is None else str(path), None))
+            sweeps.report(Ended(*own, None if path is None else str(path)))
         return None if score is None or path is None else score(Path(path))
 
     with sweeps.sweep() as directory:
         try:
+            _check_groups(sys.argv[1:])
             stored = store_defaults(config_class)
             for brought in user_yaml.brought(sys.argv[1:]):
                 with reading("--config-dir", brought, "cannot be taken"):
@@ -106,22 +107,55 @@ def run_main(
                     require(not file.exists(), "--config-dir", file, ours)
             with _interruptible():
                 hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
-            _conclude(directory, summary)
-            if failed:
-                sys.exit(2)
+            if code := _conclude(directory, summary) or max(failed, default=0):
+                sys.exit(code)
         except InputError as error:
-            if _conclude(directory, summary) == 0:
-                print(f"error: {error}", file=sys.stderr)
-            sys.exit(2)
+            sys.exit(_conclude(directory, summary) or _said(error, 2))
         except (HydraException, OmegaConfBaseException, RecursionError) as error:
             print(f"error: {printable(_message_of(error))}", file=sys.stderr)
             sys.exit(2)
         except KeyboardInterrupt:
             print("interrupted; run the same command again to go on", file=sys.stderr)
             sys.exit(130)
-        except Exception:
-            _conclude(directory, summary)
-            raise
+        except Exception as error:
+            own_fault = fault.reported(error)
+            sys.exit(_conclude(directory, summary) or _said(own_fault, fault.EXIT))
+
+
+def _check_groups(arguments: Sequence[str]) -> None:
+    """Raise InputError where a group is set to null or a number, of which Hydra makes no sense."""
+    for group, _, value in (own.lstrip("+").partition("=") for own in arguments):
+        if value and _NO_NAME.fullmatch(value) and (Path(CONF) / group).is_dir():
+            files = sorted(file.stem for file in (Path(CONF) / group).glob("*.yaml"))
+            raise InputError(group, value, "", files)
+
+
+def _run(
+    main: Callable[[Any], Path | str | None],
+    config_class: type,
+    raw: DictConfig,
+    overrides: Sequence[str],
+) -> Path | str | None:
+    """What `main` returns, called with Hydra's configuration. Raises InputError or Hydra's own
+    errors where the input is wrong, and Fault, its report written, for whatever else is raised."""
+    try:
+        values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
+    except RecursionError as error:
+        raise InputError("configuration", "(interpolated)", "", "refers to itself") from error
+    try:
+        _replace_alternatives(values, overrides)
+        with redirect_stdout(_Printable(sys.stdout)):
+            return main(build(config_class, values))  # type: ignore[arg-type]
+    except InputError:
+        raise
+    except Exception as error:
+        raise fault.reported(error) from error
+
+
+def _said(error: Exception, code: int) -> int:
+    """The exit code, once the error is printed."""
+    print(f"error: {error}", file=sys.stderr)
+    return code
 
 
 class _Printable:
@@ -140,8 +174,8 @@ class _Printable:
 
 
 def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> int:
-    """Print the summary of a sweep's results, and its jobs' errors; the number of jobs that
-    failed."""
+    """Print the summary of a sweep's results, and its jobs' errors; the exit code that these have,
+    0 where no job failed."""
     jobs = sweeps.ended(directory)
     lost = [own for own in jobs if own.error is not None]
     good = [Path(own.path) for own in jobs if own.path is not None]
@@ -152,7 +186,7 @@ def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> 
     if lost:
         print(f"{len(lost)} of {len(jobs)} jobs failed; the same command again skips what is "
               "finished", file=sys.stderr)  # fmt: skip
-    return len(lost)
+    return max((fault.EXIT if own.fault else 2 for own in lost), default=0)
 
 
 @contextmanager
@@ -192,9 +226,9 @@ def _replace_alternatives(values: Any, overrides: Sequence[str]) -> None:
         for group in (g for g in ALTERNATIVES if key in g):
             place = values
             for name in path:
-                place = place[name]
+                place = place.get(name) if isinstance(place, dict) else None
             for other in group - {key}:
-                if [*path, other] not in given and other in place:
+                if [*path, other] not in given and isinstance(place, dict) and other in place:
                     place[other] = None
 
 
