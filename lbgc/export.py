@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lbgc.commands import run_main
-from lbgc.errors import InputError, require
+from lbgc.errors import InputError, reading, require
 from lbgc.learning import onnx
 from lbgc.learning.estimator import compute_torch, load_net
 from lbgc.sensor import streams
@@ -48,7 +48,9 @@ def main(config: ExportConfig) -> Path:
     for windows, samples in _SHAPES:
         size = 0.1 * np.ones(net.config.features)
         x = (size * rng.standard_normal((windows, samples, len(size)))).astype(np.float32)
-        for ours, theirs in zip(compute_torch(net, x), exported.compute(x), strict=True):
+        with reading("run", config.run, "cannot be run as ONNX"):
+            found = exported.compute(x)
+        for ours, theirs in zip(compute_torch(net, x), found, strict=True):
             worst = max(worst, float(np.nanmax(np.abs(ours - theirs), initial=0.0)))
     if worst > AGREES:
         partial.unlink()

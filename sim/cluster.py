@@ -8,10 +8,11 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing import (
     active_children,
     connection,
@@ -23,6 +24,8 @@ from multiprocessing import (
 from lbgc import cores
 from lbgc.errors import InputError, require, require_choice
 
+_AHEAD = 4
+"""Tasks that are handed out for each worker: as many as it takes for none to wait."""
 _LOSSES = 3
 """Losses of workers in a row, with no shard finished in between, after which it is an error."""
 
@@ -81,19 +84,24 @@ def _by_processes(
     workers: int, task: Callable[[int], object], shards: Sequence[int]
 ) -> Iterator[int]:
     """Run the tasks in processes on this machine, with a new pool after workers were lost."""
-    left, losses = list(shards), 0
-    while left:
+    waiting, begun, losses = iter(shards), dict[Future[object], int](), 0
+    workers = max(1, min(workers, len(shards)))
+    while True:
         with _uninterrupted():
             pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker)
         # A second block, since Python lifts the mask to start its resource tracker.
         with _uninterrupted():
-            futures = {pool.submit(task, shard): shard for shard in left}
+            again = (*begun.values(), *islice(waiting, _AHEAD * workers - len(begun)))
+            begun = {pool.submit(task, shard): shard for shard in again}
         try:
-            for future in as_completed(futures):
-                future.result()
-                left.remove(futures[future])
-                losses = 0
-                yield futures[future]
+            while begun:
+                for future in wait(begun, return_when=FIRST_COMPLETED).done:
+                    future.result()
+                    losses, shard = 0, begun.pop(future)
+                    with _uninterrupted():
+                        begun |= {pool.submit(task, own): own for own in islice(waiting, 1)}
+                    yield shard
+            return
         except BrokenProcessPool:
             losses += 1
             what = "workers keep being killed: is there memory enough for so many?"

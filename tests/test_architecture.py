@@ -23,6 +23,7 @@ BASE = {
     "lbgc.units",
     "lbgc.outputs",
     "lbgc.cores",
+    "lbgc.machine",
 }
 MAY_IMPORT = {
     "lbgc.units": set(),
@@ -33,7 +34,9 @@ MAY_IMPORT = {
     "lbgc.cores": set(),
     "lbgc.sweeps": {"lbgc.outputs"},
     "lbgc.errors": {"lbgc.units", "lbgc.outputs"},
-    "lbgc.commands": BASE | {"lbgc.user_yaml", "lbgc.sweeps", "lbgc.sensor"},
+    "lbgc.commands": BASE | {"lbgc.user_yaml", "lbgc.sweeps", "lbgc.sensor", "lbgc.fault"},
+    "lbgc.machine": {"lbgc.errors", "lbgc.units"},
+    "lbgc.fault": {"lbgc", "lbgc.outputs"},
     "lbgc.protocol": {"lbgc.errors"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},
@@ -77,7 +80,7 @@ ROOMS = {
     "yaml": {"lbgc/user_yaml.py"},
     "allantools": {"lbgc/sensor/allan.py"},
     "torch": {"lbgc/learning/model.py", "lbgc/learning/filter.py", "lbgc/learning/loss.py",
-              "lbgc/learning/estimator.py",
+              "lbgc/learning/estimator.py", "lbgc/learning/demand.py",
               "lbgc/learning/trainer.py", "lbgc/learning/ahead.py", "lbgc/learning/checkpoint.py",
               "lbgc/learning/onnx.py", "lbgc/learning/board.py", "lbgc/learning/threads.py"},
 }  # fmt: skip
