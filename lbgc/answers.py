@@ -98,6 +98,14 @@ class Answers:
         ]
 
 
+def _require_numbers(heading: np.ndarray) -> None:
+    """Raise InputError where an answer is no number: no figure over the others stands for all."""
+    bad = np.flatnonzero(~np.isfinite(heading))
+    if len(bad):
+        what = f"is its heading, and of {len(bad)} of {len(heading)} windows: there is no answer"
+        raise InputError(f"window {bad[0]}", heading[bad[0]], "deg", what)
+
+
 @dataclass
 class Evaluation:
     """Every estimator's answers, and the reasons for those that are missing."""
@@ -125,6 +133,7 @@ class Evaluation:
         started = time.process_time()
         try:
             found = estimate(windows, imu)
+            _require_numbers(found.heading)
         except InputError as error:
             self.refused[key] = str(error)
             self.answers.pop(key, None)

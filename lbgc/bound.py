@@ -14,6 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lbgc.commands import run_main
+from lbgc.data.configuration import require_height
 from lbgc.earth import heading_exists, normal_gravity
 from lbgc.errors import InputError, require, require_choice, require_not_negative, require_positive
 from lbgc.estimators.block_means import Course, Site
@@ -75,10 +76,13 @@ class BoundConfig:
             self.latitude,
             "must be between the poles (-90 to 90 degrees, both left out)",
         )
+        require_height(self.height_m)
         require_positive("rate_hz", self.rate_hz)
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
             require_positive("windows_s", window)
+            whole = f"must be a sample or more: {1 / self.rate_hz:g} s at {self.rate_hz:g} Hz"
+            require(window * self.rate_hz >= 1, "windows_s", window, whole)
         require_not_negative(self, "start_s", "reference_error_deg", "lean_deg")
         require_not_negative(self, "level_error_deg", "settle_s")
         lean = self.lean_deg + 2 * self.level_error_deg
@@ -257,7 +261,8 @@ def _curves(config: BoundConfig) -> dict[str, tuple[list[float], list[float]]]:
     ]
     protocols = {p.name: p for p in [*others, own]}
     longest = max(config.windows_s)
-    times = np.geomspace(min(10.0, longest / 4), longest, 9).round(3).tolist()
+    shortest = max(min(10.0, longest / 4), 1 / config.rate_hz)
+    times = [float(f"{t:.6g}") for t in np.geomspace(shortest, longest, 9)]
     curves = {}
     at = replace(config, windows_s=times)
     for name, protocol in tqdm(protocols.items(), "drawing", leave=False):

@@ -3,6 +3,7 @@
 import _thread
 import logging
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -21,8 +22,9 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from omegaconf.resolvers import oc
 
-from lbgc import command_line, ending, sweeps, user_yaml
+from lbgc import command_line, ending, fault, sweeps, user_yaml
 from lbgc.errors import InputError, build, require
+from lbgc.fault import Fault
 from lbgc.outputs import printable
 from lbgc.processes import end_with_parent
 from lbgc.sensor.datasheet import ALTERNATIVES
@@ -31,6 +33,7 @@ from lbgc.sweeps import Ended
 _PLACES = [parent / "conf" for parent in Path(__file__).resolve().parents[:2]]
 CONF = str(next(filter(Path.is_dir, _PLACES), _PLACES[0]))
 """In lbgc/ where that was installed, beside it in the checkout."""
+_NO_NAME = re.compile(r"null|none|~|true|false|[-+]?[\d.]+(e[-+]?\d+)?", re.IGNORECASE)
 COMPLETE = ("imu", "scene", "protocol")
 """Groups whose files say only what they change: the rest is as the dataclass has it."""
 
@@ -69,14 +72,15 @@ def run_main(
     all results when a sweep ends.
 
     Exit codes: 0 done, 2 the input was wrong, or files could not be read or written (one clear
-    message, no traceback), 128 + n told to end by the signal n (SIGINT, SIGTERM, SIGHUP), 141 what
-    it printed was not read to its end; the work was done all the same.
+    message), 3 a fault of this program's own (two lines: what and where, and the file with its
+    traceback), 128 + n told to end by the signal n (SIGINT, SIGTERM, SIGHUP), 141 what it printed
+    was not read to its end; the work was done all the same.
     In a sweep each failing job is named and the others go on, in whatever process; the sweep then
-    ends with 2, or with 1 and a traceback where it was no input that was wrong.
+    ends with 2, or with 3 where any job had a fault of its own.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions reach this function; else Hydra exits with 1
     logging.getLogger().addHandler(logging.NullHandler())  # what libraries log is no answer
-    failed: list[str] = []
+    failed: list[int] = []  # exit codes
     here = os.getpid()
 
     def job(raw: DictConfig) -> float | None:
@@ -87,40 +91,35 @@ def run_main(
         sweeping = run.mode == RunMode.MULTIRUN
         own = (int(run.job.num), run.job.override_dirname) if sweeping else (0, "")
         try:
-            values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
-            _replace_alternatives(values, run.overrides.task)
-            with redirect_stdout(_Printable(sys.stdout)):
-                path = main(build(config_class, values))  # type: ignore[arg-type]
-        except Exception as raised:
-            error = ending.said(raised) if isinstance(raised, OSError) else raised
+            path = _run(main, config_class, raw, run.overrides.task)
+        except Exception as error:
             if sweeping:  # a job in a launcher's other process cannot report a failure otherwise
-                sweeps.report(Ended(*own, None, str(error) or type(error).__name__))
-            if sweeping or not isinstance(error, InputError):
-                raise error from raised
-            failed.append(str(error))
-            print(f"error: {error}", file=sys.stderr)
+                sweeps.report(Ended(*own, None, str(error), isinstance(error, Fault)))
+                raise
+            if not isinstance(error, InputError | Fault):
+                raise
+            failed.append(_said(error, fault.EXIT if isinstance(error, Fault) else 2))
             return None
         if path is not None:
             print(path, flush=True)
         if sweeping:
-            sweeps.report(Ended(*own, None if path is None else str(path), None))
+            sweeps.report(Ended(*own, None if path is None else str(path)))
         return None if score is None or path is None else score(Path(path))
 
     with ending.streams() as out, ending.Signals() as told, sweeps.sweep() as directory:
         try:
+            _check_groups(sys.argv[1:])
             store_defaults(config_class)
             with _brought(config_class), _interruptible():
                 hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
-            _conclude(directory, summary)
+            code = _conclude(directory, summary) or max(failed, default=0)
             out.flush()
             if out.lost is not None:
-                sys.exit(2 if failed else ending.unprinted(out.lost))
-            if failed:
-                sys.exit(2)
+                code = code or ending.unprinted(out.lost)
+            if code:
+                sys.exit(code)
         except InputError as error:
-            if _conclude(directory, summary) == 0:
-                print(f"error: {error}", file=sys.stderr)
-            sys.exit(2)
+            sys.exit(_conclude(directory, summary) or _said(error, 2))
         except (HydraException, OmegaConfBaseException, RecursionError) as error:
             print(f"error: {printable(_message_of(error))}", file=sys.stderr)
             sys.exit(2)
@@ -131,9 +130,47 @@ def run_main(
         except KeyboardInterrupt:
             print("interrupted; run the same command again to go on", file=sys.stderr)
             sys.exit(128 + told.number)
-        except Exception:
-            _conclude(directory, summary)
-            raise
+        except Exception as error:
+            own_fault = fault.reported(error)
+            sys.exit(_conclude(directory, summary) or _said(own_fault, fault.EXIT))
+
+
+def _check_groups(arguments: Sequence[str]) -> None:
+    """Raise InputError where a group is set to null or a number, of which Hydra makes no sense."""
+    for group, _, value in (own.lstrip("+").partition("=") for own in arguments):
+        if value and _NO_NAME.fullmatch(value) and (Path(CONF) / group).is_dir():
+            files = sorted(file.stem for file in (Path(CONF) / group).glob("*.yaml"))
+            raise InputError(group, value, "", files)
+
+
+def _run(
+    main: Callable[[Any], Path | str | None],
+    config_class: type,
+    raw: DictConfig,
+    overrides: Sequence[str],
+) -> Path | str | None:
+    """What `main` returns, called with Hydra's configuration. Raises InputError or Hydra's own
+    errors where the input is wrong, and Fault, its report written, for whatever else is raised."""
+    try:
+        values = OmegaConf.to_container(raw, resolve=True, throw_on_missing=True)
+    except RecursionError as error:
+        raise InputError("configuration", "(interpolated)", "", "refers to itself") from error
+    try:
+        _replace_alternatives(values, overrides)
+        with redirect_stdout(_Printable(sys.stdout)):
+            return main(build(config_class, values))  # type: ignore[arg-type]
+    except InputError:
+        raise
+    except OSError as error:
+        raise ending.said(error) from error
+    except Exception as error:
+        raise fault.reported(error) from error
+
+
+def _said(error: Exception, code: int) -> int:
+    """The exit code, once the error is printed."""
+    print(f"error: {error}", file=sys.stderr)
+    return code
 
 
 @contextmanager
@@ -206,8 +243,8 @@ class _Printable:
 
 
 def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> int:
-    """Print the summary of a sweep's results, and its jobs' errors; the number of jobs that
-    failed."""
+    """Print the summary of a sweep's results, and its jobs' errors; the exit code that these have,
+    0 where no job failed."""
     jobs = sweeps.ended(directory)
     lost = [own for own in jobs if own.error is not None]
     good = [Path(own.path) for own in jobs if own.path is not None]
@@ -218,7 +255,7 @@ def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> 
     if lost:
         print(f"{len(lost)} of {len(jobs)} jobs failed; the same command again skips what is "
               "finished", file=sys.stderr)  # fmt: skip
-    return len(lost)
+    return max((fault.EXIT if own.fault else 2 for own in lost), default=0)
 
 
 @contextmanager
@@ -258,9 +295,9 @@ def _replace_alternatives(values: Any, overrides: Sequence[str]) -> None:
         for group in (g for g in ALTERNATIVES if key in g):
             place = values
             for name in path:
-                place = place[name]
+                place = place.get(name) if isinstance(place, dict) else None
             for other in group - {key}:
-                if [*path, other] not in given and other in place:
+                if [*path, other] not in given and isinstance(place, dict) and other in place:
                     place[other] = None
 
 

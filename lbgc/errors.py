@@ -13,6 +13,10 @@ from lbgc.units import unit_of
 
 Config = TypeVar("Config")
 
+_LARGEST = 1e30
+"""Size beyond which no number is taken: squares and products of a few stay numbers."""
+_MOST = 2**63
+"""Whole numbers are less, so that every array can hold them."""
 _LONGEST = 300
 """Largest number of characters that are shown of another parser's message."""
 
@@ -137,8 +141,13 @@ def _convert(annotation: Any, name: str, value: Any) -> Any:
     if annotation is float and isinstance(value, int | float) and not isinstance(value, bool):
         # An int is never infinite, but may exceed the largest float.
         require(abs(value) <= sys.float_info.max, name, value, "must be a finite number")
+        good = value == 0 or 1 / _LARGEST <= abs(value) <= _LARGEST
+        require(good, name, value, f"must be 0, or from {1 / _LARGEST:g} to {_LARGEST:g} in size")
         return float(value)
-    if annotation in (int, str, bool) and type(value) is annotation:
+    if annotation is int and type(value) is int:
+        require(abs(value) < _MOST, name, value, "must be less than 2^63")
+        return value
+    if annotation in (str, bool) and type(value) is annotation:
         return value
     if annotation is Any:
         return value

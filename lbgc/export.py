@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lbgc.commands import run_main
-from lbgc.errors import InputError, require
+from lbgc.errors import InputError, reading, require
 from lbgc.learning import onnx
 from lbgc.learning.estimator import compute_torch, load_net
 from lbgc.learning.model import HeadingNet
@@ -45,7 +45,8 @@ def main(config: ExportConfig) -> Path:
     partial = file.with_name(f".{file.name}.partial")
     try:
         onnx.write(net, said, partial)
-        worst = _worst(net, partial)
+        with reading("run", config.run, "cannot be run as ONNX"):
+            worst = _worst(net, partial)
         if worst > AGREES:
             raise InputError("run", config.run, "", f"differs by {worst:.2g} rad as ONNX")
         write_atomically(file, partial.read_bytes())
@@ -66,7 +67,8 @@ def _worst(net: HeadingNet, partial: Path) -> float:
     for windows, samples in _SHAPES:
         size = 0.1 * np.ones(net.config.features)
         x = (size * rng.standard_normal((windows, samples, len(size)))).astype(np.float32)
-        for ours, theirs in zip(compute_torch(net, x), exported.compute(x), strict=True):
+        found = exported.compute(x)
+        for ours, theirs in zip(compute_torch(net, x), found, strict=True):
             worst = max(worst, float(np.nanmax(np.abs(ours - theirs), initial=0.0)))
     return worst
 

@@ -28,8 +28,10 @@ class Ended:
     """The job's overrides, as key=value."""
     path: str | None
     """Path of the job's result; None: it has none."""
-    error: str | None
+    error: str | None = None
     """The error that ended it; None: it succeeded."""
+    fault: bool = False
+    """Whether that was a fault of the program's own."""
 
 
 @contextmanager

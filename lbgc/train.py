@@ -24,7 +24,7 @@ from lbgc.errors import (
     require_not_negative,
     require_positive,
 )
-from lbgc.learning import board, description
+from lbgc.learning import board, demand, description
 from lbgc.learning.augment import AugmentConfig, check_field
 from lbgc.learning.batches import Drawn, Examples, Prepared, Sensed, Source, Stored
 from lbgc.learning.description import DESCRIPTION, FORMAT
@@ -38,6 +38,7 @@ from lbgc.prospects import prospects
 from lbgc.report.figures import loss_curve, png
 from lbgc.sensor.datasheet import ImuConfig
 
+_MOST_THREADS = 1024
 CHECKPOINT = "checkpoint.safetensors"
 
 
@@ -92,6 +93,8 @@ class TrainConfig:
         for name in ("mean_s", "steps", "batch", "learning_rate", "clip", "validate_every",
                      "checkpoint_every", "tempering", "patience", "threads"):  # fmt: skip
             require_positive(name, getattr(self, name))
+        many = self.threads is not None and self.threads > _MOST_THREADS
+        require(not many, "threads", self.threads, f"must be {_MOST_THREADS} at most")
         require_choice("schedule", self.schedule, SCHEDULES)
         require_not_negative(self, "seed", "warm_up")
         one = len(self.paths) == 1
@@ -155,6 +158,7 @@ def main(config: TrainConfig) -> Path:
         print("this run is already finished")
         mark_latest(run)
         return run
+    _check_demand(config, datasets)
     trainer = trainer_of(config, datasets)
     if not config.model.sways:
         said = prospects(datasets[0].configuration, max(trainer.plan.windows_steps))
@@ -172,6 +176,16 @@ def main(config: TrainConfig) -> Path:
     (run / CHECKPOINT).unlink(missing_ok=True)
     mark_latest(run)
     return run
+
+
+def _check_demand(config: TrainConfig, datasets: Sequence[Dataset]) -> None:
+    """Raise InputError where a training on these datasets takes more than this machine has."""
+    rates = [d.rate_hz if config.model.sways else 1 / config.mean_s for d in datasets]
+    lengths = [d.layout.samples / d.rate_hz for d in datasets]
+    means = sum(len(d) * s * r for d, s, r in zip(datasets, lengths, rates, strict=True))
+    longest = max(config.windows_s) if min(lengths) > max(config.windows_s) else min(lengths)
+    steps = 1 if config.model.sways else max(1, round(longest / config.mean_s))
+    demand.check(config.model, config.batch, config.tempering, steps, config.steps, round(means))
 
 
 def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:

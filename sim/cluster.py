@@ -5,14 +5,17 @@ worker makes it, and however often, the bytes are the same. Shards of a lost wor
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing import set_start_method
 
 from lbgc import cores, processes
 from lbgc.errors import InputError, require, require_choice
 
+_AHEAD = 4
+"""Tasks that are handed out for each worker: as many as it takes for none to wait."""
 _LOSSES = 3
 """Losses of workers in a row, with no shard finished in between, after which it is an error."""
 
@@ -71,18 +74,23 @@ def _by_processes(
     workers: int, task: Callable[[int], object], shards: Sequence[int]
 ) -> Iterator[int]:
     """Run the tasks in processes on this machine, with a new pool after workers were lost."""
-    left, losses = list(shards), 0
-    while left:
+    waiting, begun, losses = iter(shards), dict[Future[object], int](), 0
+    workers = max(1, min(workers, len(shards)))
+    while True:
         try:
             with processes.pool(workers, _start_worker) as pool:
                 # Uninterrupted, since Python lifts the mask to start its resource tracker.
                 with processes.uninterrupted():
-                    futures = {pool.submit(task, shard): shard for shard in left}
-                for future in as_completed(futures):
-                    future.result()
-                    left.remove(futures[future])
-                    losses = 0
-                    yield futures[future]
+                    again = (*begun.values(), *islice(waiting, _AHEAD * workers - len(begun)))
+                    begun = {pool.submit(task, shard): shard for shard in again}
+                while begun:
+                    for future in wait(begun, return_when=FIRST_COMPLETED).done:
+                        future.result()
+                        losses, shard = 0, begun.pop(future)
+                        with processes.uninterrupted():
+                            begun |= {pool.submit(task, own): own for own in islice(waiting, 1)}
+                        yield shard
+                return
         except BrokenProcessPool:
             losses += 1
             what = "workers keep being killed: is there memory enough for so many?"

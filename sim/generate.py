@@ -28,7 +28,7 @@ from lbgc.outputs import fingerprint, mark_latest, task_directory
 from lbgc.protocol import plan
 from lbgc.sensor.dither import check_means
 
-from . import cluster
+from . import cluster, demand
 from .configuration import GenerateConfig
 from .physics import check_servo
 from .picture import try_picture
@@ -53,9 +53,10 @@ def main(config: GenerateConfig) -> Path | str:
             "how the plate stands, and evaluation will refuse them",
             file=sys.stderr,
         )
-    place = Place(_out(config))
+    layout, place = _layout(config, sensor), Place(_out(config))
+    demand.check(config, layout, place, planned)
     with place.alone():
-        _generate(config, place, sensor)
+        _generate(config, place, layout)
     if place.local is None:
         return str(place)
     picture = place.local.with_suffix(".png")
@@ -67,10 +68,10 @@ def main(config: GenerateConfig) -> Path | str:
     return place.local
 
 
-def _generate(config: GenerateConfig, place: Place, sensor: Sensor) -> None:
+def _generate(config: GenerateConfig, place: Place, layout: store.Layout) -> None:
     """Make all shards that are missing or damaged in the dataset at this place."""
     where = str(place.local.resolve() if place.local else place)
-    dataset = store.create(where, _layout(config, sensor), config.content(), _recipe())
+    dataset = store.create(where, layout, config.content(), _recipe())
     shards = dataset.unfinished_shards()
     total = sum(len(dataset.layout.rows(shard)) for shard in shards)
     with tqdm(total=total, unit="rec", desc="generating", disable=not shards) as bar:

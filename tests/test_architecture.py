@@ -24,6 +24,7 @@ BASE = {
     "lbgc.outputs",
     "lbgc.cores",
     "lbgc.processes",
+    "lbgc.machine",
 }
 MAY_IMPORT = {
     "lbgc.units": set(),
@@ -38,7 +39,12 @@ MAY_IMPORT = {
     "lbgc.sweeps": {"lbgc.outputs"},
     "lbgc.errors": {"lbgc.units", "lbgc.outputs"},
     "lbgc.commands": BASE
-    | {"lbgc.ending", "lbgc.user_yaml", "lbgc.command_line", "lbgc.sweeps", "lbgc.sensor"},
+    | {
+        *("lbgc.ending", "lbgc.user_yaml", "lbgc.command_line", "lbgc.sweeps", "lbgc.sensor"),
+        "lbgc.fault",
+    },
+    "lbgc.machine": {"lbgc.errors", "lbgc.units"},
+    "lbgc.fault": {"lbgc", "lbgc.outputs"},
     "lbgc.protocol": {"lbgc.errors"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},
@@ -82,7 +88,7 @@ ROOMS = {
     "yaml": {"lbgc/user_yaml.py"},
     "allantools": {"lbgc/sensor/allan.py"},
     "torch": {"lbgc/learning/model.py", "lbgc/learning/filter.py", "lbgc/learning/loss.py",
-              "lbgc/learning/estimator.py",
+              "lbgc/learning/estimator.py", "lbgc/learning/demand.py",
               "lbgc/learning/trainer.py", "lbgc/learning/ahead.py", "lbgc/learning/checkpoint.py",
               "lbgc/learning/onnx.py", "lbgc/learning/board.py", "lbgc/learning/threads.py"},
 }  # fmt: skip

@@ -24,7 +24,7 @@ def batch(layout: Layout, shard: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(shard)
     sizes = {"recording": len(layout.rows(shard)), "time": layout.samples, "axis": 3, "axis_in": 3}
     return {
-        name: rng.integers(0, 3, tuple(sizes[d] for d in VARIABLES[name].dims))
+        name: rng.integers(0, 2, tuple(sizes[d] for d in VARIABLES[name].dims))
         for name in layout.variables
     }
 

@@ -75,6 +75,11 @@ def _claim(place: Place) -> tuple[str, int] | None:
     return (identity, schema) if attributes.get("identity") == identity else None
 
 
+def is_named(place: Place) -> bool:
+    """Whether the root document has an identity and the configuration that it is of."""
+    return _claim(place) is not None
+
+
 def owner(place: Place) -> str | None:
     """Identity of the dataset here; None where nothing is here, or what interrupted runs leave.
 

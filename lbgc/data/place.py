@@ -57,18 +57,19 @@ class Place:
         """The directory of this name inside this one."""
         return Place(f"{str(self).rstrip('/')}/{name}")
 
-    def names(self) -> list[str]:
-        """The names of all files here and below, in order, and of links, which are not
-        followed."""
+    def names(self, below: str = "") -> list[str]:
+        """The names of all files here, or in a directory here, and below, in order, and of links,
+        which are not followed."""
         if self.local is None:
             prefix = self._root.rstrip("/") + "/"
+            where = (prefix + below).rstrip("/")
             with self._reached():
                 try:
-                    return sorted(p.removeprefix(prefix) for p in self._files.find(self._root))
+                    return sorted(path.removeprefix(prefix) for path in self._files.find(where))
                 except FileNotFoundError:
                     return []
         found = []
-        for directory, inside, files in os.walk(self.local, onerror=_unreadable):
+        for directory, inside, files in os.walk(self.local / below, onerror=_unreadable):
             own = Path(directory)
             links = [d for d in inside if (own / d).is_symlink()]
             found += [(own / f).relative_to(self.local).as_posix() for f in (*files, *links)]

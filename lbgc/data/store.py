@@ -18,33 +18,36 @@ from tqdm import tqdm
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
-from lbgc.data import codec, manifest
+from lbgc import machine
+from lbgc.data import codec, configuration, manifest
 from lbgc.data.documents import Layout, documents, names_of
 from lbgc.data.encoding import encoded, with_checksum
 from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
 from lbgc.data.schema import RECORDED, SCHEMA, SPLITS, VARIABLES
-from lbgc.data.vetting import layout_of
+from lbgc.data.vetting import check_values, layout_of
 from lbgc.errors import InputError, reading, require
 from lbgc.outputs import fingerprint
 
 codec.take()
+_A_SAMPLE = 300.0
+"""Bytes of memory for each sample of a recording while it is read and answered."""
 _COPIED_BYTES = 200_000
 """Bytes of recordings copied at once: they stay in the processor's cache."""
 
 
 def create(
-    path: str | Path, layout: Layout, configuration: Mapping[str, Any], recipe: Mapping[str, Any]
+    path: str | Path, layout: Layout, content: Mapping[str, Any], recipe: Mapping[str, Any]
 ) -> "Dataset":
     """Start a dataset, or go on with the same one that was started here before, its documents
     mended where they are damaged.
 
-    configuration : what decides the dataset's content, JSON-able; recipe : what else a reader
-    may want (package versions). Raises InputError where `path` holds anything else, or cannot be
-    written.
+    content : the configuration that decides what the dataset holds, JSON-able; recipe : what else a
+    reader may want (package versions). Raises InputError where `path` holds anything else, or
+    cannot be written.
     """
     place = Place(path)
-    identity = fingerprint({"schema": SCHEMA, **configuration})
+    identity = fingerprint({"schema": SCHEMA, **content})
     what = "holds a dataset of another configuration; choose another path"
     require(manifest.owner(place) in (None, identity), "out", path, what)
     with writing(place):
@@ -56,7 +59,7 @@ def create(
                 "title": "lbgc dataset",
                 "schema": SCHEMA,
                 "identity": identity,
-                "configuration": dict(configuration),
+                "configuration": dict(content),
                 "rate_hz": layout.rate_hz,
                 **recipe,
             }
@@ -145,6 +148,7 @@ class Dataset:
 
     def __init__(self, place: Place, group: zarr.Group, layout: Layout):
         self.place, self._group, self.layout = place, group, layout
+        self._checked = False
 
     @classmethod
     def open(cls, path: str | Path) -> "Dataset":
@@ -159,6 +163,7 @@ class Dataset:
         with reading("data", place, "is no dataset of this version"):
             named = manifest.variables(place)
             layout = layout_of({n: place.read(n) or b"" for n in names_of(named)}, named)
+            require(manifest.is_named(place), manifest.ROOT, place, "has no configuration")
             return cls(place, _group(place, "r"), layout)
 
     @classmethod
@@ -169,6 +174,8 @@ class Dataset:
         or left over.
         """
         dataset = cls.open(path)
+        one = _A_SAMPLE * dataset.layout.samples
+        machine.require_memory("data", path, one, "a recording as long as it says")
         missing, damaged = dataset.missing_shards(), dataset.damaged_shards()
         left = manifest.strays(dataset.place)
         wrong = []
@@ -195,8 +202,17 @@ class Dataset:
 
     @property
     def configuration(self) -> dict[str, Any]:
-        """What decided its content, as `create` was given it."""
-        return dict(self._group.attrs["configuration"])  # type: ignore[arg-type]
+        """What decided its content, as `create` was given it. Raises InputError where that is
+        nothing that a generation takes: a checksum does not tell who wrote it."""
+        said = dict(self._group.attrs["configuration"])  # type: ignore[arg-type]
+        if not self._checked:
+            with reading("data", self.place, "has a configuration that no generation takes"):
+                try:
+                    configuration.check(said, self.layout)
+                except InputError as error:  # named by the dataset: nobody set this parameter
+                    raise ValueError(str(error)) from error
+            self._checked = True
+        return said
 
     @property
     def rate_hz(self) -> float:
@@ -220,24 +236,41 @@ class Dataset:
     def label(self, name: str, rows: range | None = None) -> np.ndarray:
         """A variable with one value (or vector, or matrix) a recording, of all or of these."""
         rows = range(len(self)) if rows is None else rows
-        return self._read(name, rows.start, rows.stop)
+        values = self._read(name, rows.start, rows.stop)
+        self._check(name, values)
+        return values
+
+    def _check(self, name: str, values: np.ndarray) -> None:
+        """Raise InputError unless a variable's values, in its unit, can be what it says."""
+        with reading("data", self.place, "holds what no generation writes"):
+            check_values(name, values, self.layout.recordings)
 
     def _manifest(self, name: str) -> np.ndarray:
         """A SHA-256 for each shard, (shards, 32); zeros where there is none that can be read."""
-        array = self._array(f"manifest/{name}")
+        array, there = self._array(f"manifest/{name}"), self._named(name)
         try:
-            return np.asarray(array[:])
+            if 2 * len(there) > self.layout.shards:
+                return np.asarray(array[:])
         except OSError:  # nothing is known of what cannot be read
             raise
         except Exception:  # whatever its decoders say of what is damaged
-            rows = np.zeros(array.shape, np.uint8)
-            for shard in range(len(rows)):
-                with suppress(Exception):
-                    rows[shard] = array[shard]
-            return rows
+            pass
+        rows = np.zeros(array.shape, np.uint8)
+        for shard in there:
+            with suppress(Exception):
+                rows[shard] = array[shard]
+        return rows
+
+    def _named(self, name: str) -> list[int]:
+        """Shards that have a row's file in the manifest, however many a dataset says it has."""
+        files = (Path(file).parts for file in self.place.names(f"manifest/{name}/c"))
+        numbers = (int(file[3]) for file in files if len(file) > 3 and file[3].isdecimal())
+        return [shard for shard in numbers if shard < self.layout.shards]
 
     def missing_shards(self) -> list[int]:
         """Shards which the manifest does not name."""
+        if not self._named("digest"):
+            return list(range(self.layout.shards))
         named = self._manifest("digest").any(axis=1) & self._manifest("stored").any(axis=1)
         return np.flatnonzero(~named).tolist()
 
@@ -323,4 +356,6 @@ class Dataset:
     def _decoded(self, name: str, span: slice) -> np.ndarray:
         scale = self.layout.scales.get(name)
         values = self._read(name, span.start, span.stop)
-        return values if scale is None else values * scale
+        values = values if scale is None else values * scale
+        self._check(name, values)
+        return values

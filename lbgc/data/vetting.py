@@ -6,11 +6,16 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
 from lbgc.data.documents import ROOT, Layout
 from lbgc.data.schema import ALWAYS, VARIABLES
 
 _CODECS = {"transpose", "bytes", "blosc", "crc32c", "sharding_indexed"}
-_MOST_RECORDINGS, _MOST_SAMPLES, _MOST_SHARDS = 10**9, 10**8, 10**7
+MOST_RECORDINGS, MOST_SAMPLES, MOST_SHARDS = 10**9, 10**8, 4 * 10**6
+_LARGEST = 1e30
+"""Size beyond which nothing is measured or drawn, in any unit of a dataset."""
+_ANGLES = ("heading", "heading_reference", "roll", "pitch", "base_azimuth")
 _KEYS = {"name": "default", "configuration": {"separator": "/"}}
 
 
@@ -35,6 +40,27 @@ def layout_of(documents: Mapping[str, bytes], variables: Iterable[str]) -> Layou
     return layout
 
 
+def check_values(name: str, values: np.ndarray, recordings: int) -> None:
+    """Raise ValueError unless these values of a variable can be what it says: numbers, within the
+    bounds of its kind. recordings : of the dataset, to which units and sessions are dealt."""
+    if values.size == 0:
+        return
+    lowest, highest = values.min(), values.max()
+    variable = VARIABLES[name]
+    low, high = -_LARGEST, _LARGEST
+    if variable.flags:
+        low, high = 0, len(variable.flags) - 1
+    elif name in ("unit", "session"):
+        low, high = 0, recordings - 1
+    elif name == "latitude":
+        low, high = -math.pi / 2, math.pi / 2
+    elif name in _ANGLES:
+        low, high = -2 * math.pi, 2 * math.pi
+    if not (low <= lowest and highest <= high):  # NaN is neither
+        at = lowest if not low <= lowest else highest
+        raise ValueError(f"{name} = {at:g} {variable.units}: must be from {low:g} to {high:g}")
+
+
 def _object(name: str, content: bytes) -> dict[str, Any]:
     try:
         said = json.loads(content)
@@ -57,7 +83,7 @@ def _layout(said: Mapping[str, dict[str, Any]], variables: Iterable[str]) -> Lay
     shape: Any = said["gyro/zarr.json"].get("shape")
     good = isinstance(shape, list) and len(shape) == 3 and all(type(n) is int for n in shape)
     _require(good, "gyro", "shape", shape)
-    good = 0 < shape[0] <= _MOST_RECORDINGS and 0 < shape[1] <= _MOST_SAMPLES
+    good = 0 < shape[0] <= MOST_RECORDINGS and 0 < shape[1] <= MOST_SAMPLES
     _require(good, "gyro", "shape", shape)
     scales = {}
     for name in ("gyro", "accel"):
@@ -68,7 +94,7 @@ def _layout(said: Mapping[str, dict[str, Any]], variables: Iterable[str]) -> Lay
     missing = set(ALWAYS) - set(variables)
     _require(not missing, ROOT, "variables", f"all but {sorted(missing)}")
     layout = Layout(shape[0], shape[1], float(rate), scales, tuple(variables))
-    _require(layout.shards <= _MOST_SHARDS, "gyro", "shape", shape)
+    _require(layout.shards <= MOST_SHARDS, "gyro", "shape", shape)
     return layout
 
 

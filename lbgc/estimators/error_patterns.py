@@ -23,6 +23,7 @@ from functools import lru_cache
 import numpy as np
 
 from lbgc.earth import EARTH_RATE
+from lbgc.errors import InputError
 from lbgc.estimators.block_means import ENCODER, Course, Site
 from lbgc.sensor import errors
 from lbgc.sensor.deterministic import InRun
@@ -231,4 +232,8 @@ def factors(imu: ImuModel, course: Course) -> np.ndarray:
     total = np.repeat(np.square(_LEAST), 3)[:, None, None] * np.eye(len(course.blocks))
     for _, channel, covariance in _within(imu, course):
         total[channel] += covariance
-    return np.linalg.cholesky(total)
+    try:
+        return np.linalg.cholesky(total)
+    except np.linalg.LinAlgError:
+        what = "has noise terms in this window whose sizes differ by more than numbers can hold"
+        raise InputError("imu", "its model", "", what) from None

@@ -2,13 +2,21 @@
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lbgc.errors import InputError, build, reading, require
+from lbgc.errors import (
+    InputError,
+    build,
+    reading,
+    require,
+    require_not_negative,
+    require_positive,
+)
 from lbgc.learning.model import ModelConfig
 from lbgc.outputs import UNSEALED, as_json, is_sealed, seal
 from lbgc.sensor.datasheet import ImuConfig
@@ -17,6 +25,8 @@ DESCRIPTION = "model.json"
 FORMAT = 5
 """Version of the format; it changes whenever another version would misread a run."""
 AGAIN = "train it again: python lbgc/train.py data=PATH"
+_DEEPEST = 6
+"""Groups and lists in each other that a training's configuration has at most."""
 _OWN = re.compile(r'"checksum": "([0-9a-f]{64})"')
 
 
@@ -27,6 +37,10 @@ class _Units:
     unit_seed: int
     units: int
     imu: ImuConfig
+
+    def __post_init__(self) -> None:
+        require_not_negative(self, "unit_seed")
+        require_positive("units", self.units)
 
 
 @dataclass(frozen=True)
@@ -54,11 +68,38 @@ class Description:
     """SHA-256 of this file with zeros in its place."""
 
     def __post_init__(self) -> None:
+        require(self.format == FORMAT, "format", self.format, f"must be {FORMAT}")
         for name in ("rate_hz", "imu_rate_hz", "parameters", "steps"):
-            require(getattr(self, name) > 0, name, getattr(self, name), "must be above zero")
+            require_positive(name, getattr(self, name))
+        require_not_negative(self, "best_validation_deg", "seconds")
+        places = self.latitude_deg
+        good = len(places) == 2 and -90 <= places[0] <= places[1] <= 90
+        require(good, "latitude_deg", places, "must be [low, high], from -90 to 90")
+        _plain(self.training, "training", _DEEPEST)
         windows = self.training.get("windows_s") if isinstance(self.training, dict) else None
-        numbers = isinstance(windows, list) and all(type(w) in (int, float) for w in windows)
-        require(bool(windows) and numbers, "windows_s", windows, "must be lengths")
+        require(
+            bool(windows) and isinstance(windows, list), "windows_s", windows, "must be lengths"
+        )
+        for window in build(_Lengths, {"windows_s": windows}).windows_s:
+            require_positive("windows_s", window)
+
+
+@dataclass(frozen=True)
+class _Lengths:
+    """What is used of a training's configuration beside being shown."""
+
+    windows_s: list[float]
+
+
+def _plain(said: Any, name: str, depth: int) -> None:
+    """Raise InputError unless a value is made of groups, lists, texts and finite numbers, not
+    nested deeper than this."""
+    if isinstance(said, dict | list):
+        require(depth > 0, name, "...", f"is nested more than {_DEEPEST} deep")
+        for own in said.values() if isinstance(said, dict) else said:
+            _plain(own, name, depth - 1)
+    elif isinstance(said, float):
+        require(math.isfinite(said), name, said, "must be a finite number")
 
 
 def compose(said: Mapping[str, Any], weights: bytes) -> bytes:

@@ -10,6 +10,9 @@ a process, reach for the network, or open what lies outside its directory.
 
 Then whole command lines with directories that are brought along (`--config-dir`), made to have
 something run, read, written or told (tests/escapes.py): whether any gets out.
+Beside, whole datasets and models are forged, one value each under right checksums, and given to
+every command that reads them (`tests/forging.py`): none may end in anything but InputError or
+numbers.
 """
 
 import json
@@ -21,6 +24,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
 from multiprocessing.process import BaseProcess
 from multiprocessing.sharedctypes import SynchronizedArray
@@ -29,6 +33,7 @@ from typing import Any
 
 import numpy as np
 from common import Report, cases
+from forging import Forger, tried
 from fuzzing import EDITS, PLANTS, Bench, Reader, Step, exported, onnx_reader, readers
 from tqdm import tqdm
 
@@ -131,6 +136,25 @@ def attempt(
     return ("wrong", wrong) if wrong else (how, "")
 
 
+def forged(home: str, first: int, every: int) -> list[tuple[int, str, str | None]]:
+    """A worker's forgeries, the numbers first, first + every...: which, the command, and what went
+    wrong."""
+    import torch
+
+    torch.set_num_threads(1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    forger = Forger.at(Path(tempfile.mkdtemp(dir=home)))
+    limit = int(CASES["command_memory_bytes"])
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    found = []
+    for number in range(first, CASES["commands"], every):
+        started = time.monotonic()
+        name, wrong = tried(forger, CASES["seed"], number)
+        late = time.monotonic() - started > CASES["command_seconds"]
+        found.append((number, name, "took more than its time" if late and not wrong else wrong))
+    return found
+
+
 LEAN = {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "1",
         "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # fmt: skip
 """Libraries reserve memory that they may never use, and the limit counts it."""
@@ -210,6 +234,17 @@ def main() -> None:
             found = [count[how] for how in ("refused", "answered", "wrong")]
             study.line(f"{kind:18s}{sum(found):8d}{found[0]:9d}{found[1]:9d}{found[2]:7d}")
             study.summary[f"{kind.replace(' ', '_')}_files"] = sum(found)
+        wrong = 0
+        with ProcessPoolExecutor(CASES["workers"], multiprocessing.get_context("spawn")) as pool:
+            every = CASES["workers"]
+            tasks = [pool.submit(forged, home, first, every) for first in range(every)]
+            done = [own for task in tasks for own in task.result()]
+        for number, name, why in sorted(done, key=lambda own: own[0]):
+            wrong += why is not None
+            if why is not None:
+                study.line(f"forgery {number}, {name}: {why}")
+        study.line(f"{'commands':18s}{len(done):8d} forgeries, {wrong} wrong")
+        study.summary |= {"forged_cases": len(done), "forged_tracebacks": wrong}
         study.summary |= {
             "mutated_files": sum(sum(count.values()) for count in counts.values()),
             "reader_crashes": sum(count["wrong"] for count in counts.values()),

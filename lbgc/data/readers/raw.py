@@ -12,7 +12,7 @@ import numpy as np
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.clock import Said
 from lbgc.data.readers.picked import Picked, named, picked
-from lbgc.data.readers.sheets import Sheet, sheet, shown
+from lbgc.data.readers.sheets import Sheet, require_size, sheet, shown
 from lbgc.data.readers.timing import stamps_of
 from lbgc.errors import InputError, reading, require
 
@@ -191,6 +191,7 @@ def _psins(path: Path, config: LogConfig) -> Iterator[Raw]:
         only_file(path, path).open() as file,
         warnings.catch_warnings(),
     ):
+        require_size(path, "log.path")
         warnings.simplefilter("error")  # NumPy only warns of an empty file
         rows = np.loadtxt(file, comments="%", ndmin=2)
     require(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from lbgc import machine
 from lbgc.data.readers import tables
 from lbgc.data.readers.dialects import (
     MARKS,
@@ -25,8 +26,8 @@ from lbgc.data.readers.dialects import (
 from lbgc.data.readers.stated import stated_rate
 from lbgc.errors import InputError, reading, require
 
-_LARGEST = 4 * 2**30
-"""Size of the largest file that is read, bytes."""
+_HELD = 4.0
+"""Bytes of memory for each byte of a text file while it is read."""
 _HEAD = 4 * 2**20
 """Bytes at a file's start in which its layout is looked for."""
 _SHOWN = 60
@@ -84,8 +85,7 @@ def sheet(path: Path, key: str = "log.path") -> Sheet:
         table = tables.read_parquet(path, key)
         return Sheet(path.stem, tuple(map(str, table.column_names)), (), None, table)
     with reading(key, path):
-        size = path.stat().st_size
-        require(size <= _LARGEST, key, path, f"has {size} bytes, and {_LARGEST} are the most")
+        require_size(path, key)
         content = path.read_bytes()
     text = _utf8(content, key, path)
     del content
@@ -97,6 +97,14 @@ def sheet(path: Path, key: str = "log.path") -> Sheet:
     names = tuple(name.strip() for name in found.names or ("",) * found.width)
     rate = stated_rate(head[: found.first])
     return Sheet(path.stem, names, found.units, rate, _Text(text, found, path.name))
+
+
+def require_size(path: Path, key: str) -> None:
+    """Raise InputError where a text file is larger than is read, or than this machine has memory
+    for."""
+    size, most = path.stat().st_size, tables.LARGEST
+    require(size <= most, key, path, f"has {size} bytes, and {most} are the most")
+    machine.require_memory(key, path, _HELD * size, f"a text of {size} bytes")
 
 
 def _utf8(content: bytes, key: str, path: Path) -> bytes:

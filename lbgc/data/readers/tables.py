@@ -9,19 +9,45 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from lbgc.errors import reading
+from lbgc import machine
+from lbgc.errors import reading, require
 
 Table: TypeAlias = pa.Table
 
+LARGEST = 4 * 2**30
+"""Size of the largest file that is read, bytes, and of the largest that one unfolds to."""
+_LONGEST = 1000
+"""Bytes of the longest text in a cell."""
 _KINDS = {"number": pa.float64(), "stamp": pa.int64()}
 
 
 def read_parquet(path: Path, key: str) -> Table:
     """Read a whole Parquet file. Raises InputError, naming it by `key`, where it cannot be read."""
     with reading(key, path), pa.OSFile(str(path)) as file:
-        table = pa.parquet.ParquetFile(file).read()
+        opened = pa.parquet.ParquetFile(file)
+        _require_room(opened.metadata, path, key)
+        kinds = opened.schema_arrow
+        texts = [name for name in kinds.names if _is_text(kinds.field(name).type)]
+        file.seek(0)  # text that stands there many times is kept once
+        table = pa.parquet.ParquetFile(file, read_dictionary=texts).read()
         _ = table.column_names  # names are decoded here, where a failure is reported
         return table
+
+
+def _require_room(told: pa.parquet.FileMetaData, path: Path, key: str) -> None:
+    """Raise InputError where a file unfolds to more values than are read, or than this machine has
+    memory for: a few kilobytes may hold any number of equal ones."""
+    groups = [told.row_group(at) for at in range(told.num_row_groups)]
+    values = sum(group.column(at).num_values for group in groups for at in range(told.num_columns))
+    values = max(values, told.num_rows * told.num_columns)
+    unfolded = 8 * values + sum(group.total_byte_size for group in groups)
+    require(unfolded <= LARGEST, key, path, f"unfolds to {unfolded} bytes, and {LARGEST} are the "
+            "most")  # fmt: skip
+    machine.require_memory(key, path, 3.0 * unfolded, "the table that it unfolds to")
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_string(kind) or pa.types.is_binary(kind))
 
 
 def parsed(
@@ -70,4 +96,9 @@ def _array(values: pa.ChunkedArray) -> np.ndarray:
         return np.asarray(values.to_numpy().astype(np.int64))
     if pa.types.is_integer(kind) or pa.types.is_floating(kind):
         return np.asarray(values.to_numpy().astype(np.float64))
+    if pa.types.is_dictionary(kind):
+        texts = [own for part in values.chunks for own in part.dictionary.cast(pa.string())]
+        longest = max((len(own.as_buffer() or b"") for own in texts), default=0)
+        if longest > _LONGEST:
+            raise ValueError(f"holds a text of {longest} bytes, and {_LONGEST} are the most")
     return np.asarray(values.cast(pa.string()).to_pylist(), dtype=object)
