@@ -51,11 +51,12 @@ class DatasetConfig:
     def __post_init__(self) -> None:
         require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
         require_height(self.height_m)
-        for name in ("rate_hz", "duration_s", "mean_s"):
+        counts = ("recordings", "units", "sessions")
+        for name in ("rate_hz", "duration_s", "mean_s", *counts):
             require_positive(name, getattr(self, name))
-        for name in ("recordings", "units", "sessions"):
-            number, most = getattr(self, name), f"must be from 1 to {MOST_RECORDINGS}"
-            require(1 <= number <= MOST_RECORDINGS, name, number, most)
+        for name in counts:
+            number, most = getattr(self, name), f"must be {MOST_RECORDINGS} at most"
+            require(number <= MOST_RECORDINGS, name, number, most)
         require_not_negative(self, "seed", "unit_seed")
         require_choice("output", self.output, ("samples", "means"))
         require_choice("split_by", self.split_by, ("recording", "session", "unit"))
