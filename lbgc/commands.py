@@ -20,7 +20,7 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 
 from lbgc import sweeps, user_yaml
 from lbgc.errors import InputError, build, reading, require
-from lbgc.outputs import printable
+from lbgc.outputs import LONGEST, printable, shown
 from lbgc.sensor.datasheet import ALTERNATIVES
 from lbgc.sweeps import Ended
 
@@ -90,7 +90,7 @@ def run_main(
             print(f"error: {error}", file=sys.stderr)
             return None
         if path is not None:
-            print(path, flush=True)
+            print(printable(str(path)), flush=True)
         if sweeping:
             sweeps.report(Ended(*own, None if path is None else str(path), None))
         return None if score is None or path is None else score(Path(path))
@@ -148,7 +148,8 @@ def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> 
     if summary is not None and good:
         summary(good)
     for own in lost:
-        print(f"error: job {own.number} ({own.overrides}): {own.error}", file=sys.stderr)
+        which = f"job {own.number} ({shown(own.overrides)})"
+        print(f"error: {which}: {shown(own.error, 20 * LONGEST)}", file=sys.stderr)
     if lost:
         print(f"{len(lost)} of {len(jobs)} jobs failed; the same command again skips what is "
               "finished", file=sys.stderr)  # fmt: skip

@@ -2,12 +2,14 @@
 forces."""
 
 import copy
+import io
 import os
 import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,6 +17,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from lbgc.errors import InputError, require
+from lbgc.outputs import write_atomically
 from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.sensor.streams import Purpose, recording
 
@@ -80,10 +83,17 @@ def view(config: ViewConfig) -> Path | None:
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix == ".png":
         (pixels,) = _rendered(config, np.deg2rad([config.plate_angle_deg]))
-        Image.fromarray(pixels).save(out)
+        _write(out, Image.fromarray(pixels), "PNG")
     else:
         _film(config, out)
     return out
+
+
+def _write(out: Path, first: Image.Image, kind: str, **more: Any) -> None:
+    """Write a picture or a film to a file, whole or not at all. more : what Pillow is told."""
+    content = io.BytesIO()
+    first.save(content, kind, **more)
+    write_atomically(out, content.getvalue())
 
 
 def _film(config: ViewConfig, out: Path) -> None:
@@ -124,7 +134,8 @@ def _film(config: ViewConfig, out: Path) -> None:
         whole = Image.fromarray(np.concatenate([above, strip]))
         frames.append(whole.quantize(_COLOURS, dither=Image.Dither.NONE))
     every = round(1000 / _FRAMES_A_S)
-    frames[0].save(out, save_all=True, append_images=frames[1:], duration=every, loop=0)
+    film = {"save_all": True, "append_images": frames[1:], "duration": every, "loop": 0}
+    _write(out, frames[0], "GIF", **film)
 
 
 def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> Iterator[np.ndarray]:

@@ -26,7 +26,7 @@ from lbgc.data.record import Record
 from lbgc.data.schema import RECORDED, SCHEMA, SPLITS, VARIABLES
 from lbgc.data.vetting import layout_of
 from lbgc.errors import InputError, reading, require
-from lbgc.outputs import fingerprint
+from lbgc.outputs import fingerprint, shown
 
 codec.take()
 _COPIED_BYTES = 200_000
@@ -308,7 +308,7 @@ class Dataset:
             for i in inside:
                 at = int(i) - span.start
                 yield Record(
-                    name=f"{self.place.name}[{i}]",
+                    name=f"{shown(self.place.name)}[{i}]",
                     gyro=data["gyro"][at],
                     accel=data["accel"][at],
                     plate_angle=data["plate_angle"][at],
