@@ -12,6 +12,7 @@ from lbgc.commands import run_main
 from lbgc.errors import InputError, require
 from lbgc.learning import onnx
 from lbgc.learning.estimator import compute_torch, load_net
+from lbgc.outputs import write_atomically
 from lbgc.sensor import streams
 
 AGREES = 1e-5
@@ -40,9 +41,8 @@ def main(config: ExportConfig) -> Path:
     assert config.run is not None
     net, said = load_net(config.run)
     file = Path(config.out or Path(config.run) / "model.onnx")
-    partial = file.with_name(f".{file.name}.partial")
-    onnx.write(net, said, partial)
-    exported = onnx.load(partial)
+    content = onnx.compose(net, said)
+    exported = onnx.parse(content, file)
     rng = streams.figures()
     worst = 0.0
     for windows, samples in _SHAPES:
@@ -51,9 +51,8 @@ def main(config: ExportConfig) -> Path:
         for ours, theirs in zip(compute_torch(net, x), exported.compute(x), strict=True):
             worst = max(worst, float(np.nanmax(np.abs(ours - theirs), initial=0.0)))
     if worst > AGREES:
-        partial.unlink()
         raise InputError("run", config.run, "", f"differs by {worst:.2g} rad as ONNX")
-    partial.replace(file)
+    write_atomically(file, content)
     print(f"ONNX Runtime and PyTorch agree to {worst:.1g} rad")
     return file
 
