@@ -1,7 +1,5 @@
 """All estimators' answers to all windows, and the reasons where one refuses."""
 
-import csv
-import io
 import sys
 import time
 from collections import defaultdict
@@ -17,6 +15,7 @@ from lbgc.errors import InputError
 from lbgc.estimators.estimate import Estimate, Estimator
 from lbgc.headings import Headings
 from lbgc.metrics import Summary, heading_errors, summarise
+from lbgc.outputs import as_csv
 from lbgc.sensor.imu import ImuModel
 
 
@@ -154,10 +153,12 @@ class Evaluation:
 
     def as_csv(self) -> str:
         """CSV with a line for each window and estimator; angles in degrees, blank where unknown."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
+        return as_csv(self._lines())
+
+    def _lines(self) -> Iterator[tuple[object, ...]]:
+        """The rows of `as_csv`, the header first."""
         names = ("heading_deg", "estimate_deg", "error_deg", "sigma_deg")
-        writer.writerow(("recording", "window_s", "start_s", "estimator", *names))
+        yield "recording", "window_s", "start_s", "estimator", *names
         for (name, window), own in self.answers.items():
             kinds = ("heading", "estimate", "errors", "sigma")
             angles = [np.rad2deg(own.all_of(k)).round(6) for k in kinds]
@@ -165,5 +166,4 @@ class Evaluation:
             for number, start, *degrees in zip(*(c.tolist() for c in columns), strict=True):
                 recording = self.recordings[number]
                 known = ["" if np.isnan(angle) else angle for angle in degrees]
-                writer.writerow((recording, f"{window:g}", f"{start:g}", name, *known))
-        return out.getvalue()
+                yield recording, f"{window:g}", f"{start:g}", name, *known

@@ -259,7 +259,10 @@ def _curves(config: BoundConfig) -> dict[str, tuple[list[float], list[float]]]:
         replace(own, name=name, kind=kind, angles_deg=angles, dwell_s=None)
         for name, kind, angles in kinds
     ]
-    protocols = {p.name: p for p in [*others, own]}
+    protocols = {p.name: p for p in others}
+    taken = protocols.get(own.name, own)
+    alike = own.kind == taken.kind and (own.kind != "indexed" or own.angles_deg == taken.angles_deg)
+    protocols[own.name if alike else f"{own.name} (chosen)"] = own
     longest = max(config.windows_s)
     shortest = max(min(10.0, longest / 4), 1 / config.rate_hz)
     times = [float(f"{t:.6g}") for t in np.geomspace(shortest, longest, 9)]

@@ -19,7 +19,14 @@ from lbgc.data.store import Dataset
 from lbgc.earth import EARTH_RATE, heading_exists
 from lbgc.errors import InputError, require
 from lbgc.estimators.level import tilts_of
-from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import (
+    as_json,
+    fingerprint,
+    mark_latest,
+    shown,
+    task_directory,
+    write_atomically,
+)
 from lbgc.report.calibration_table import report
 from lbgc.sensor.calibration import FEWEST, calibrate, odd_one_out
 from lbgc.units import DEG, HOUR
@@ -89,7 +96,7 @@ def _read(config: CalibrateConfig) -> Given:
         dataset = Dataset.open_finished(config.data)
         units = len(np.unique(dataset.label("unit")))
         require(units == 1, "data", config.data, f"has {units} units; a calibration is of one")
-        records, name = dataset.records(np.arange(len(dataset))), str(dataset.path)
+        records, name = dataset.records(np.arange(len(dataset))), shown(dataset.path)
         session = dataset.label("session")
     else:
         assert config.log is not None
@@ -108,7 +115,7 @@ def _read_table(path: str, latitude: float) -> Given:
     """The means in a CSV file; latitude : rad."""
     table = logs.columns(path, COLUMNS, optional=("session",))
     session = table[:, 4] if table.shape[1] > 4 else None
-    names = tuple(f"{path}, row {row}" for row in range(len(table)))
+    names = tuple(f"{shown(path)}, row {row}" for row in range(len(table)))
     force, tilt = np.zeros((len(table), 3)), None
     found = logs.columns(path, COLUMNS[:1], optional=FORCES).shape[1] - 1
     if found:
@@ -116,7 +123,7 @@ def _read_table(path: str, latitude: float) -> Given:
         tilt = tilts_of(force, names)
     rates, latitudes = table[:, 1:4] * DEG, np.full(len(table), latitude)
     means = rest.Means(rates, force, table[:, 0] * DEG, latitudes, names, ())
-    return Given(path, means, session, tilt)
+    return Given(shown(path), means, session, tilt)
 
 
 def require_sound(given: Given) -> None:

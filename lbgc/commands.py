@@ -25,7 +25,7 @@ from omegaconf.resolvers import oc
 from lbgc import command_line, ending, fault, sweeps, user_yaml
 from lbgc.errors import InputError, build, require
 from lbgc.fault import Fault
-from lbgc.outputs import printable
+from lbgc.outputs import LONGEST, printable, shown
 from lbgc.processes import end_with_parent
 from lbgc.sensor.datasheet import ALTERNATIVES
 from lbgc.sweeps import Ended
@@ -101,7 +101,7 @@ def run_main(
             failed.append(_said(error, fault.EXIT if isinstance(error, Fault) else 2))
             return None
         if path is not None:
-            print(path, flush=True)
+            print(printable(str(path)), flush=True)
         if sweeping:
             sweeps.report(Ended(*own, None if path is None else str(path)))
         return None if score is None or path is None else score(Path(path))
@@ -251,7 +251,8 @@ def _conclude(directory: Path, summary: Callable[[list[Path]], None] | None) -> 
     if summary is not None and good:
         summary(good)
     for own in lost:
-        print(f"error: job {own.number} ({own.overrides}): {own.error}", file=sys.stderr)
+        which = f"job {own.number} ({shown(own.overrides)})"
+        print(f"error: {which}: {shown(own.error, 20 * LONGEST)}", file=sys.stderr)
     if lost:
         print(f"{len(lost)} of {len(jobs)} jobs failed; the same command again skips what is "
               "finished", file=sys.stderr)  # fmt: skip

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from lbgc.outputs import printable
+from lbgc.outputs import LONGEST, shown
 from lbgc.units import unit_of
 
 Config = TypeVar("Config")
@@ -18,7 +18,9 @@ _LARGEST = 1e30
 _MOST = 2**63
 """Whole numbers are less, so that every array can hold them."""
 _LONGEST = 300
-"""Largest number of characters that are shown of another parser's message."""
+"""Largest number of characters that are shown of another parser's message, or of a value."""
+_LONGEST_CHOICES = 4000
+"""Largest number of characters that are shown of what a value could be."""
 
 Axes = float | list[float]
 """A configured value for all three axes, or one for each (forward, right, down)."""
@@ -37,9 +39,10 @@ class InputError(ValueError):
     def __str__(self) -> str:
         choices = self.choices
         if not isinstance(choices, str):
-            choices = "choose from " + ", ".join(map(str, choices))
-        shown = f"{self.name} = {self.value}" + (f" {self.unit}" if self.unit else "")
-        return printable(f"{shown}: {choices}" if choices else shown)
+            choices = "choose from " + ", ".join(map(shown, choices))
+        unit = f" {self.unit}" if self.unit else ""
+        said = f"{shown(self.name)} = {shown(self.value, _LONGEST)}{unit}"
+        return f"{said}: {shown(choices, _LONGEST_CHOICES)}" if choices else said
 
     def within(self, prefix: str) -> "InputError":
         """This error with its parameter's name prefixed by the group that holds it."""
@@ -69,6 +72,13 @@ def reading(name: str, value: Any, what: str = "cannot be read") -> Iterator[Non
 def require_choice(name: str, value: str, choices: Sequence[str]) -> None:
     """Raise InputError unless the value is one of the choices."""
     require(value in choices, name, value, choices)
+
+
+def require_name(name: str, value: str) -> None:
+    """Raise InputError unless a text can stand for something in tables: on one line, not long, and
+    of characters that are seen."""
+    good = 0 < len(value) <= LONGEST // 2 and shown(value) == value == value.strip()
+    require(good, name, value, f"must be a name of up to {LONGEST // 2} printable characters")
 
 
 def require_positive(name: str, value: float | None) -> None:

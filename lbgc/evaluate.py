@@ -120,7 +120,10 @@ def main(config: EvaluateConfig) -> Path:
     elif config.log is not None:
         models = _pretrained(config.imu, subject.notes)
     models = [model.asked(_setting(config, subject), config.untrained) for model in models]
-    estimators |= {model.name: model for model in models}
+    for model in models:
+        free = model.name not in estimators
+        require(free, "model.name", model.name, "is another estimator's name here")
+        estimators[model.name] = model
     found, said = _verdict(config, subject)
     with one_thread():
         result, evaluation = _evaluate(config, estimators, subject, records, count, said)
@@ -137,7 +140,8 @@ def main(config: EvaluateConfig) -> Path:
     for line in (*result.notes, *result.verdicts):
         print(line)
     print(table(result))
-    page = write_page(directory / "report.html", result, config.run)
+    of_run = learned.said if config.run is not None else None
+    page = write_page(directory / "report.html", result, config.run, of_run)
     mark_latest(directory)
     return page
 

@@ -12,7 +12,6 @@ from lbgc.commands import run_main
 from lbgc.errors import InputError, reading, require
 from lbgc.learning import onnx
 from lbgc.learning.estimator import compute_torch, load_net
-from lbgc.learning.model import HeadingNet
 from lbgc.outputs import write_atomically
 from lbgc.sensor import streams
 
@@ -42,35 +41,22 @@ def main(config: ExportConfig) -> Path:
     assert config.run is not None
     net, said = load_net(config.run)
     file = Path(config.out or Path(config.run) / "model.onnx")
-    partial = file.with_name(f".{file.name}.partial")
-    try:
-        onnx.write(net, said, partial)
-        with reading("run", config.run, "cannot be run as ONNX"):
-            worst = _worst(net, partial)
-        if worst > AGREES:
-            raise InputError("run", config.run, "", f"differs by {worst:.2g} rad as ONNX")
-        write_atomically(file, partial.read_bytes())
-    except OSError as error:
-        error.filename = str(file)
-        raise
-    finally:
-        partial.unlink(missing_ok=True)
-    print(f"ONNX Runtime and PyTorch agree to {worst:.1g} rad")
-    return file
-
-
-def _worst(net: HeadingNet, partial: Path) -> float:
-    """Largest difference, rad, between a network's answers by PyTorch and by its ONNX file."""
-    exported = onnx.load(partial)
+    content = onnx.compose(net, said)
+    exported = onnx.parse(content, file)
     rng = streams.figures()
     worst = 0.0
     for windows, samples in _SHAPES:
         size = 0.1 * np.ones(net.config.features)
         x = (size * rng.standard_normal((windows, samples, len(size)))).astype(np.float32)
-        found = exported.compute(x)
+        with reading("run", config.run, "cannot be run as ONNX"):
+            found = exported.compute(x)
         for ours, theirs in zip(compute_torch(net, x), found, strict=True):
             worst = max(worst, float(np.nanmax(np.abs(ours - theirs), initial=0.0)))
-    return worst
+    if worst > AGREES:
+        raise InputError("run", config.run, "", f"differs by {worst:.2g} rad as ONNX")
+    write_atomically(file, content)
+    print(f"ONNX Runtime and PyTorch agree to {worst:.1g} rad")
+    return file
 
 
 if __name__ == "__main__":

@@ -10,14 +10,21 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from lbgc.commands import run_main
+from lbgc.commands import CONF, run_main
 from lbgc.data import logs
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, require, require_not_negative, require_positive
 from lbgc.estimators.level import tilts_of
-from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import (
+    as_json,
+    fingerprint,
+    mark_latest,
+    shown,
+    task_directory,
+    write_atomically,
+)
 from lbgc.report import calibration_table
 from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.figures import png
@@ -57,6 +64,8 @@ class FitConfig:
         given = "both" if self.log is not None else "nothing"
         require(one, "data or log", given, "give one: log=NAME, or data=PATH")
         require(self.name.isidentifier(), "name", self.name, "must be a plain word")
+        shipped = (Path(CONF) / "imu" / f"{self.name}.yaml").exists()
+        require(not shipped, "name", self.name, "is a sensor's that lbgc has; call yours otherwise")
         require_positive("flicker_short_s", self.flicker_short_s)
         require_not_negative(self, "skip_s")
         require_positive("processes", self.processes)
@@ -191,7 +200,7 @@ def _read(config: FitConfig) -> Static:
         dataset = Dataset.open_finished(config.data)
         records = list(dataset.records(np.arange(min(len(dataset), 64))))
         session = dataset.label("session")[: len(records)]
-        name = str(dataset.path)
+        name = shown(dataset.path)
     still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
     require(still, "data", name, "has a plate that turns; noise is fitted to resting recordings")
     headings = [r.heading_reference for r in records]

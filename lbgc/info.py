@@ -15,7 +15,7 @@ from lbgc.data.record import Record
 from lbgc.data.schema import SPLITS, VARIABLES
 from lbgc.data.store import Dataset
 from lbgc.errors import require, require_positive
-from lbgc.outputs import mark_latest, task_directory, write_atomically
+from lbgc.outputs import mark_latest, shown, task_directory, write_atomically
 from lbgc.report.figures import dataset_overview, png
 
 _SECTOR_DEG = 30
@@ -63,8 +63,8 @@ def _whole(dataset: Dataset) -> list[str]:
     imu, protocol = stored.get("imu", {}), stored.get("protocol", {})
     return [
         f"{dataset.place}: dataset {dataset.identity}, schema {store.SCHEMA}",
-        f"sensor       {imu.get('name', 'unknown')}",
-        f"protocol     {protocol.get('kind', 'unknown')}",
+        f"sensor       {shown(imu.get('name', 'unknown'))}",
+        f"protocol     {shown(protocol.get('kind', 'unknown'))}",
         f"recordings   {layout.recordings} of {layout.samples / layout.rate_hz:g} s: "
         f"{layout.samples} values at {layout.rate_hz:g} Hz",
         f"shards       {layout.shards} of {layout.shard} recordings at most",

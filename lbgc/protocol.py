@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from lbgc.errors import InputError, require, require_choice, require_positive
+from lbgc.errors import InputError, require, require_choice, require_name, require_positive
 
 KINDS = ("static", "heading_scan", "indexed", "carousel")
 STAGES = ("rest", "slew", "settle")
@@ -41,6 +41,7 @@ class ProtocolConfig:
     """Acceleration of every slew, the carousel's start and stop included."""
 
     def __post_init__(self) -> None:
+        require_name("name", self.name)
         require_choice("kind", self.kind, KINDS)
         require_positive("slew_deg_per_s", self.slew_deg_per_s)
         require_positive("slew_deg_per_s2", self.slew_deg_per_s2)

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lbgc.data import logs
+from lbgc.data import logs, picture
 from lbgc.data.compensated import calibrated, drawn_errors
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.earth import heading_exists
 from lbgc.errors import InputError, build, require
+from lbgc.outputs import shown
 from lbgc.report.page import Subject
 from lbgc.sensor.datasheet import ImuConfig
 
@@ -90,7 +91,7 @@ def of_dataset(
     if told is not None:
         notes.append(f"estimators are told of {told.name}; the data are of {own.name}")
     subject = Subject(
-        f"{dataset.place}, {split} split",
+        shown(f"{dataset.place}, {split} split"),
         against,
         notes,
         lambda: dataset.records(indices[:16]),
@@ -101,7 +102,7 @@ def of_dataset(
         configuration=configuration,
         imu=(told or own).model(float(configuration["rate_hz"])),
         sensor=(told or own).name,
-        picture=dataset.path.with_suffix(".png"),
+        picture=picture.beside(dataset.place),
     )
     measured: Iterator[Measured] = (Measured(record) for record in dataset.records(indices))
     if lifetimes:

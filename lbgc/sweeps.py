@@ -8,6 +8,7 @@ file for each job that has ended.
 
 import json
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,8 +38,9 @@ class Ended:
 @contextmanager
 def sweep() -> Iterator[Path]:
     """The directory that jobs report to, in whatever process; it is removed after the `with`
-    block. It is created by the first report."""
-    directory = Path("outputs/multirun").resolve() / f"sweep_{os.getpid()}"
+    block. It is created by the first report, and its name is no other sweep's, nor to be foreseen:
+    whatever was left of one that was killed is never taken for this one's."""
+    directory = Path("outputs/multirun").resolve() / f"sweep_{secrets.token_hex(16)}"
     os.environ[_VARIABLE] = str(directory)
     try:
         yield directory

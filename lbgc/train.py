@@ -12,6 +12,7 @@ from safetensors.torch import save
 from tqdm import tqdm
 
 from lbgc.commands import run_main
+from lbgc.data import picture
 from lbgc.data.record import whole_multiple
 from lbgc.data.store import Dataset
 from lbgc.data.windows import Labelled, stack
@@ -35,11 +36,13 @@ from lbgc.learning.stream import Streamed
 from lbgc.learning.trainer import SCHEDULES, Trainer, TrainingPlan
 from lbgc.outputs import fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.prospects import prospects
+from lbgc.report import history
 from lbgc.report.figures import loss_curve, png
 from lbgc.sensor.datasheet import ImuConfig
 
 _MOST_THREADS = 1024
 CHECKPOINT = "checkpoint.safetensors"
+_CURVE = "loss.png"
 
 
 @dataclass(frozen=True)
@@ -165,11 +168,11 @@ def main(config: TrainConfig) -> Path:
         if said is not None:
             print(said, flush=True)
 
-    def on_look(history: Sequence[dict[str, float]]) -> None:
+    def on_look(looks: Sequence[dict[str, float]]) -> None:
         """Write the history after each look at the validation split."""
-        _write_history(run, history)
+        write_atomically(run / history.FILE, history.compose(looks))
         if config.tensorboard:
-            board.write(run / "tensorboard", history[-1])
+            board.write(run / "tensorboard", looks[-1])
 
     trainer.run(run / CHECKPOINT, on_look)
     _save(run, config, datasets, trainer)
@@ -218,12 +221,16 @@ def _identity(datasets: Sequence[Dataset]) -> str | list[str]:
 
 
 def _is_whole(run: Path) -> bool:
-    """Whether a run's model can be loaded; if not, it is said that it is trained again."""
+    """Whether a run's model and history are as they were written; if not, it is said that it is
+    trained again. A damaged picture of its history is drawn again."""
     try:
-        load_net(run)
+        _, said = load_net(run)
+        looks = history.read(run / history.FILE, said.get("history"))
     except InputError as error:
         print(f"{error}: training it again")
         return False
+    if picture.read(run / _CURVE) is None:
+        write_atomically(run / _CURVE, png(loss_curve(looks)))
     return True
 
 
@@ -269,20 +276,15 @@ def _reference_error_deg(datasets: Sequence[Dataset]) -> float:
     return errors[0]
 
 
-def _write_history(run: Path, history: Sequence[dict[str, float]]) -> None:
-    """Write the history as CSV."""
-    lines = [",".join(history[0]), *(",".join(f"{v:.9g}" for v in row.values()) for row in history)]
-    write_atomically(run / "history.csv", "\n".join(lines) + "\n")
-
-
 def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: Trainer) -> None:
     """Write all files of a run, the description last, since it marks the run as finished."""
-    history = trainer.history
-    write_atomically(run / "loss.png", png(loss_curve(history), dpi=150))
+    write_atomically(run / _CURVE, png(loss_curve(trainer.history), dpi=150))
+    looks = history.compose(trainer.history)
+    write_atomically(run / history.FILE, looks)
     weights = {k: v.cpu().contiguous() for k, v in trainer.best.items()}
     stored = save(weights)
     write_atomically(run / WEIGHTS, stored)
-    kept = min(history, key=lambda row: row["score"])
+    kept = min(trainer.history, key=lambda row: row["score"])
     of_data = datasets[0].configuration
     latitudes = [float(dataset.configuration["latitude"]) for dataset in datasets]
     said = {
@@ -299,6 +301,7 @@ def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: 
         "imu_rate_hz": of_data["rate_hz"],
         "units": {k: of_data[k] for k in ("unit_seed", "units", "imu")},
         "seconds": round(trainer.seconds, 1),
+        "history": history.checksum(looks),
     }
     write_atomically(run / DESCRIPTION, description.compose(said, stored))
 

@@ -18,13 +18,13 @@ from tqdm import tqdm
 
 import lbgc
 from lbgc.commands import run_main
-from lbgc.data import store
+from lbgc.data import picture, store
 from lbgc.data.place import Place, writing
 from lbgc.data.schema import SCHEMA, VARIABLES
 from lbgc.data.shard import Shard
 from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
 from lbgc.errors import require
-from lbgc.outputs import fingerprint, mark_latest, task_directory
+from lbgc.outputs import fingerprint, mark_latest, remove_temporary, task_directory
 from lbgc.protocol import plan
 from lbgc.sensor.dither import check_means
 
@@ -33,6 +33,7 @@ from .configuration import GenerateConfig
 from .physics import check_servo
 from .picture import try_picture
 from .recordings import Sensor, batches
+from .turntable import SceneConfig
 
 
 def main(config: GenerateConfig) -> Path | str:
@@ -59,13 +60,21 @@ def main(config: GenerateConfig) -> Path | str:
         _generate(config, place, layout)
     if place.local is None:
         return str(place)
-    picture = place.local.with_suffix(".png")
-    why_not = None if picture.exists() else try_picture(picture, config.scene)
-    if why_not is not None:
-        print(f"no picture of the scene: {why_not}", file=sys.stderr)
+    _draw_beside(place, config.scene)
     if config.out is None:
         mark_latest(place.local.parent)
     return place.local
+
+
+def _draw_beside(place: Place, scene: SceneConfig) -> None:
+    """Put the scene's picture beside a local dataset, unless a whole one is there."""
+    beside = picture.beside(place)
+    if beside is None:
+        return
+    remove_temporary(beside.parent)
+    why_not = None if picture.read(beside) is not None else try_picture(beside, scene)
+    if why_not is not None:
+        print(f"no picture of the scene: {why_not}", file=sys.stderr)
 
 
 def _generate(config: GenerateConfig, place: Place, layout: store.Layout) -> None:

@@ -4,6 +4,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from lbgc.data import picture
+from lbgc.outputs import shown
+
 from .turntable import SceneConfig
 
 _LONGEST_S = 120
@@ -24,6 +27,6 @@ def try_picture(out: Path, config: SceneConfig) -> str | None:
         return f"it was not there after {_LONGEST_S} s; python sim/scene.py out=PATH draws one"
     except OSError as error:
         return str(error)
-    if done.returncode == 0 and out.exists():
+    if done.returncode == 0 and picture.read(out) is not None:
         return None
-    return (done.stderr.strip().splitlines() or ["it crashed"])[-1]
+    return shown((done.stderr.strip().splitlines() or ["it crashed"])[-1])

@@ -299,6 +299,11 @@ def _model() -> Reader:
     return Reader(files, read, _possible_headings, reseal=reseal, exact=True)
 
 
+def model_files() -> Mapping[str, bytes]:
+    """A run's files: a small network's."""
+    return _model().files
+
+
 def _opened(content: bytes, pattern: bytes) -> bytes:
     """Sealed anew, where there is still a place for the seal."""
     found = re.search(pattern, content)

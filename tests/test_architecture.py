@@ -82,7 +82,7 @@ ROOMS = {
     "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py", "lbgc/report/allan_page.py"},
     "PIL": {"sim/render.py"},
     "distributed": {"sim/cluster.py"},
-    "fcntl": {"lbgc/data/place.py"},
+    "fcntl": {"lbgc/data/place.py", "lbgc/outputs.py"},
     "hydra": {"lbgc/commands.py"},
     "omegaconf": {"lbgc/commands.py"},
     "yaml": {"lbgc/user_yaml.py"},
@@ -90,7 +90,8 @@ ROOMS = {
     "torch": {"lbgc/learning/model.py", "lbgc/learning/filter.py", "lbgc/learning/loss.py",
               "lbgc/learning/estimator.py", "lbgc/learning/demand.py",
               "lbgc/learning/trainer.py", "lbgc/learning/ahead.py", "lbgc/learning/checkpoint.py",
-              "lbgc/learning/onnx.py", "lbgc/learning/board.py", "lbgc/learning/threads.py"},
+              "lbgc/learning/onnx.py", "lbgc/learning/board.py", "lbgc/learning/threads.py",
+              "lbgc/learning/tensors.py"},
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr")}
 FILM_MAKING = {("sim/render.py", "matplotlib")}

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import default_config, generate, needs_recording
+from PIL import Image
 from test_logs import columns, spoiled, write
 
 import lbgc.subjects
@@ -98,7 +99,7 @@ def test_a_model_of_other_units_is_called_that(cli, tmp_path, unit_bias_run, dat
 def test_a_picture_of_the_scene_is_shown_where_there_is_one(cli, tmp_path, dataset):
     without = cli("lbgc.evaluate", f"data={dataset.path}")
     assert "The bench" not in (tmp_path / without.last_line).read_text()
-    dataset.path.with_suffix(".png").write_bytes(b"PNG")
+    Image.new("RGB", (30, 20)).save(dataset.path.with_suffix(".png"))
     try:
         done = cli("lbgc.evaluate", f"data={dataset.path}")
         assert "The bench" in (tmp_path / done.last_line).read_text()

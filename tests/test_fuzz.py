@@ -197,8 +197,8 @@ def test_a_checkpoint_of_another_training_is_refused(tmp_path):
 
 @pytest.mark.parametrize("text", ["step,all\n1,x\n", "a,b\n1,2\n", "\x00", ""])
 def test_a_damaged_history_is_named(tmp_path, text):
-    from lbgc.report.page import _loss_curve
+    from lbgc.report import history
 
-    (tmp_path / "history.csv").write_text(text)
+    (tmp_path / history.FILE).write_text(text)
     with pytest.raises(InputError, match=r"run = .*history.csv: is damaged"):
-        _loss_curve(tmp_path / "history.csv")
+        history.read(tmp_path / history.FILE, None)

@@ -8,7 +8,7 @@ import numpy as np
 from lbgc.data.checks.findings import CHECKS
 from lbgc.data.readers.axes import is_right_handed, require_axes
 from lbgc.data.readers.clock import TIME_UNITS
-from lbgc.errors import require, require_choice, require_positive
+from lbgc.errors import require, require_choice, require_name, require_positive
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
 GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
@@ -88,6 +88,7 @@ class LogConfig:
     """Checks, by the names in their messages, whose refusals become notes."""
 
     def __post_init__(self) -> None:
+        require_name("name", self.name)
         require_choice("reader", self.reader, READERS)
         require(bool(self.path), "path", self.path, "must name a file")
         for name in ("gyro_columns", "accel_columns"):

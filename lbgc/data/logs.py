@@ -1,6 +1,6 @@
 """Conversion of real logs to records, which from then on are treated like simulated ones."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +32,18 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
         for raw in READERS[config.reader](find(config.path), config)
         for record in _records(raw)
     ]
-    yield from all_checks.together(found, config, north)
+    yield from all_checks.together(_told_apart(found), config, north)
+
+
+def _told_apart(records: Iterable[Record]) -> list[Record]:
+    """Records of which no two have one name: a second one's has its number behind it."""
+    found: dict[str, Record] = {}
+    for record in records:
+        name, number = record.name, 2
+        while name in found:
+            name, number = f"{record.name} ({number})", number + 1
+        found[name] = record if name == record.name else replace(record, name=name)
+    return list(found.values())
 
 
 def _records(raw: Raw) -> Iterator[Record]:

@@ -8,6 +8,7 @@ stored. A flipped bit anywhere, or a file lost, cut short or taken from another 
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeAlias
 
@@ -20,6 +21,12 @@ ROOT = "zarr.json"
 MANIFEST = "manifest/zarr.json"
 AGAIN = "run the command that generated it again"
 _NO_VARIABLES = {"manifest", "time", "axis"}
+_ARRAY = r"(/zarr\.json|/c(/\d+)*)?"
+_OWN = re.compile(
+    rf"zarr\.json|({'|'.join([*VARIABLES, 'time', 'axis'])}){_ARRAY}"
+    rf"|manifest(/zarr\.json|/(digest|stored){_ARRAY})?"
+)
+"""Names of a dataset's own files and directories."""
 Read: TypeAlias = Callable[[str], bytes | None]
 NONE = "is no dataset; make one with `python sim/generate.py`"
 
@@ -145,5 +152,10 @@ def stored_checksum(
 
 
 def strays(place: Place) -> list[str]:
-    """Files that an interrupted run left half-written, and links, which lead elsewhere."""
-    return [name for name in place.names() if is_partial(name) or place.is_link(name)]
+    """Files that an interrupted run left half-written, and links, which lead elsewhere, in the
+    places of a dataset's own files and directories. Whatever else somebody has put here stays."""
+    return [
+        name
+        for name in place.names()
+        if is_partial(name) or (place.is_link(name) and _OWN.fullmatch(name))
+    ]

@@ -3,6 +3,7 @@
 import ctypes
 import fcntl
 import os
+import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,13 +13,18 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from lbgc.errors import InputError, reading
-from lbgc.outputs import write_atomically
+from lbgc.outputs import is_temporary, write_atomically
+
+_PARTIAL = re.compile(
+    r"(.+/)?\.(zarr\.json|\d+)\.partial-\d+"  # of versions before this one
+    r"|.+/c/(\d+/)*\d+\.[0-9a-f]+\.partial|(.+/)?zarr\.[0-9a-f]{16,32}\.partial"  # Zarr's
+)
 
 
 def is_partial(name: str) -> bool:
-    """Whether a file is only partly written, by the name that Zarr and `write_atomically` give to
-    such files."""
-    return ".partial" in name.rsplit("/", 1)[-1]
+    """Whether a dataset's file is only partly written, by the name that `write_atomically` or Zarr
+    gives to such files, and nobody else."""
+    return is_temporary(name.rsplit("/", 1)[-1]) or _PARTIAL.fullmatch(name) is not None
 
 
 class Place:
@@ -108,9 +114,13 @@ class Place:
                 return None
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file completely or, where that fails locally, not at all."""
+        """Write a file completely or, where that fails locally, not at all. No link inside this
+        directory is followed; one in the file's place is replaced."""
         if self.local is not None:
             path = self.local / name
+            for above in Path(name).parents:
+                if self.is_link(above.as_posix()) and above.name:
+                    raise OSError(f"{above} is a link, which leads elsewhere")
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, content, promised=False)
             return

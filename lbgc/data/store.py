@@ -27,7 +27,7 @@ from lbgc.data.record import Record
 from lbgc.data.schema import RECORDED, SCHEMA, SPLITS, VARIABLES
 from lbgc.data.vetting import check_values, layout_of
 from lbgc.errors import InputError, reading, require
-from lbgc.outputs import fingerprint
+from lbgc.outputs import fingerprint, shown
 
 codec.take()
 _A_SAMPLE = 300.0
@@ -343,7 +343,7 @@ class Dataset:
             for i in inside:
                 at = int(i) - span.start
                 yield Record(
-                    name=f"{self.place.name}[{i}]",
+                    name=f"{shown(self.place.name)}[{i}]",
                     gyro=data["gyro"][at],
                     accel=data["accel"][at],
                     plate_angle=data["plate_angle"][at],

@@ -6,14 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from safetensors.torch import load, save
+from safetensors.torch import save
 from torch import Tensor
 
 from lbgc.errors import reading
+from lbgc.learning import tensors
 from lbgc.outputs import UNSEALED, as_json, is_sealed, read_file, seal, write_atomically
 
 _WHAT, _SEALED = "checkpoint", "checksum"
 _OWN = re.compile(rb'"checksum":"([0-9a-f]{64})"')
+_MOST_BYTES, _MOST_HEADER = 2**32, 2**26
+"""Largest sizes of a checkpoint, and of its header, which has the history."""
 AGAIN = "delete it to start anew"
 
 
@@ -25,8 +28,8 @@ def write(file: Path, groups: Mapping[str, Mapping[str, Tensor]], said: Mapping[
     """
     flat = {
         f"{group}/{name}": value.detach().cpu().contiguous().clone()
-        for group, tensors in groups.items()
-        for name, value in tensors.items()
+        for group, named in groups.items()
+        for name, value in named.items()
     }
     content = save(flat, {_WHAT: as_json(said, indent=None), _SEALED: UNSEALED})
     write_atomically(file, seal(content))
@@ -37,12 +40,12 @@ def read(file: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, Any]]:
     InputError where the file is damaged."""
     groups: dict[str, dict[str, Tensor]] = {}
     with reading("checkpoint", file, f"is damaged; {AGAIN}"):
-        content = read_file(file)
+        content = read_file(file, _MOST_BYTES)
         own = _OWN.search(content)
         if own is None or not is_sealed(content, own[1].decode()):
             raise ValueError("it is not as it was written")
-        for key, value in load(content).items():
+        for key, value in tensors.parse(content, _MOST_HEADER).items():
             group, name = key.split("/", 1)
             groups.setdefault(group, {})[name] = value
-        header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+        header = json.loads(tensors.header(content, _MOST_HEADER))
         return groups, dict(json.loads(header["__metadata__"][_WHAT]))

@@ -1,7 +1,5 @@
 """The table that compares training runs: size, error with its spread over seeds, latency."""
 
-import csv
-import io
 import sys
 import time
 from collections import defaultdict
@@ -16,7 +14,7 @@ from lbgc.errors import InputError
 from lbgc.learning import description
 from lbgc.learning.description import DESCRIPTION
 from lbgc.learning.estimator import compute_torch, load_net
-from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import as_csv, as_json, fingerprint, mark_latest, task_directory, write_atomically
 
 _REPEATS = 20
 
@@ -50,12 +48,9 @@ def tabulated(found: Sequence[tuple[Path, dict[str, Any]]]) -> Path:
     """Print the table of runs and their descriptions, write it as CSV, and return that path."""
     rows = compare(found)
     print(table(rows))
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(vars(rows[0]))
-    writer.writerows(vars(row).values() for row in rows)
     directory = task_directory("compare", fingerprint({"runs": sorted(str(d) for d, _ in found)}))
-    write_atomically(directory / "runs.csv", out.getvalue())
+    lines = [list(vars(rows[0])), *(list(vars(row).values()) for row in rows)]
+    write_atomically(directory / "runs.csv", as_csv(lines))
     mark_latest(directory)
     return directory / "runs.csv"
 

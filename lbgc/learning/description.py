@@ -18,7 +18,7 @@ from lbgc.errors import (
     require_positive,
 )
 from lbgc.learning.model import ModelConfig
-from lbgc.outputs import UNSEALED, as_json, is_sealed, seal
+from lbgc.outputs import UNSEALED, as_json, is_sealed, read_file, seal
 from lbgc.sensor.datasheet import ImuConfig
 
 DESCRIPTION = "model.json"
@@ -27,6 +27,7 @@ FORMAT = 5
 AGAIN = "train it again: python lbgc/train.py data=PATH"
 _DEEPEST = 6
 """Groups and lists in each other that a training's configuration has at most."""
+_MOST_BYTES = 2**20
 _OWN = re.compile(r'"checksum": "([0-9a-f]{64})"')
 
 
@@ -66,6 +67,8 @@ class Description:
     """SHA-256 of the file of weights."""
     checksum: str
     """SHA-256 of this file with zeros in its place."""
+    history: str | None = None
+    """SHA-256 of `history.csv`; runs of earlier versions have none."""
 
     def __post_init__(self) -> None:
         require(self.format == FORMAT, "format", self.format, f"must be {FORMAT}")
@@ -124,11 +127,16 @@ def parse(content: bytes, name: str, where: object) -> dict[str, Any]:
         own = _OWN.search(content.decode())
         if own is None or not is_sealed(content, own[1]):
             raise ValueError("its description is not as it was written")
-        try:
-            build(Description, said)
-        except InputError as error:  # named by the file, not by a parameter that nobody set
-            raise ValueError(str(error)) from error
+        require_whole(said)
         return dict(said)
+
+
+def require_whole(said: Any) -> None:
+    """Raise ValueError unless a description has every key, each of a possible value."""
+    try:
+        build(Description, said)
+    except InputError as error:  # named by the file, not by a parameter that nobody set
+        raise ValueError(str(error)) from error
 
 
 def read(run: str | Path) -> dict[str, Any]:
@@ -136,4 +144,6 @@ def read(run: str | Path) -> dict[str, Any]:
     file = Path(run) / DESCRIPTION
     what = "is no finished training run; `python lbgc/train.py data=PATH` prints one's path"
     require(file.is_file(), "run", run, what)
-    return parse(file.read_bytes(), "run", run)
+    with reading("run", run, "holds a damaged model"):
+        content = read_file(file, _MOST_BYTES)
+    return parse(content, "run", run)

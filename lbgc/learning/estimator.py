@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors.torch import load
 
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError, build, reading
 from lbgc.estimators.estimate import Estimate
 from lbgc.frames import wrap
-from lbgc.learning import description
+from lbgc.learning import description, tensors
 from lbgc.learning.model import HeadingNet, ModelConfig, make, von_mises_sigma
 from lbgc.learning.residual import inputs
 from lbgc.outputs import read_file
@@ -24,6 +23,8 @@ from lbgc.sensor.imu import ImuModel
 WEIGHTS = "model.safetensors"
 SHORTEST_WINDOW_S = 10.0
 _BATCH = 4096
+_MOST_BYTES = 2**30
+"""Largest size of a file of weights."""
 _TELLING = 4
 
 
@@ -109,14 +110,16 @@ def load_net(run: str | Path) -> tuple[HeadingNet, dict[str, Any]]:
     """A run's network and description. Raises InputError where there is no whole model."""
     said = description.read(run)
     with reading("run", run, "holds a damaged model"):
-        content = read_file(Path(run) / WEIGHTS)
+        config = build(ModelConfig, said["model"])
+        with torch.device("meta"):  # shapes alone, without memory for the values
+            own = HeadingNet(config).state_dict()
+        size = sum(value.nbytes for value in own.values())
+        content = read_file(Path(run) / WEIGHTS, min(size + tensors.MOST_HEADER, _MOST_BYTES))
         if hashlib.sha256(content).hexdigest() != said["weights"]:
             raise ValueError(f"{WEIGHTS} is not as it was written")
-        config = build(ModelConfig, said["model"])
-        weights = load(content)
-        with torch.device("meta"):  # shapes alone, without memory for the values
-            wanted = {name: value.shape for name, value in HeadingNet(config).state_dict().items()}
-        if {name: value.shape for name, value in weights.items()} != wanted:
+        weights = tensors.parse(content)
+        wanted = {name: (value.shape, value.dtype) for name, value in own.items()}
+        if {name: (value.shape, value.dtype) for name, value in weights.items()} != wanted:
             raise ValueError(f"{WEIGHTS} holds another network's")
         if not all(bool(torch.isfinite(value).all()) for value in weights.values()):
             raise ValueError(f"{WEIGHTS} holds what is no number")

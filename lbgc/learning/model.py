@@ -2,6 +2,7 @@
 for corrections to a classical estimate."""
 
 import math
+import unicodedata
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,7 @@ from torch import Tensor, nn
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE
-from lbgc.errors import InputError, require, require_choice
+from lbgc.errors import InputError, require, require_choice, require_name
 from lbgc.estimators import CLASSICAL
 from lbgc.learning import sway
 from lbgc.learning.filter import Filter
@@ -67,7 +68,9 @@ class ModelConfig:
         for name, most in (("layers", 64), ("hidden", 4096)):
             value = getattr(self, name)
             require(1 <= value <= most, name, value, f"must be from 1 to {most}")
-        taken = self.name in (*CLASSICAL, "floor") or self.name.startswith("floor,")
+        require_name("name", self.name)
+        plain = unicodedata.normalize("NFKC", self.name).casefold().strip()
+        taken = plain in (*CLASSICAL, "floor") or plain.startswith("floor,")
         require(not taken, "name", self.name, "is an estimator's; call the network otherwise")
         require_choice("cell", self.cell, (*RECURRENT, "pool", "filter"))
         require_choice("output", self.output, list(OUTPUTS))

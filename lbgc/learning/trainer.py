@@ -315,16 +315,19 @@ class Trainer:
     def _check(self, tensors: dict[str, dict[str, Tensor]], said: dict[str, Any]) -> None:
         """Raise ValueError unless a checkpoint's tensors have this training's names and shapes, and
         its counters are of the right kinds."""
-        own = {name: value.shape for name, value in self.net.state_dict().items()}
+        single = torch.float32
+        own = {n: (value.shape, value.dtype) for n, value in self.net.state_dict().items()}
         moments = {
-            f"{number}.{name}": torch.Size() if name == "step" else value.shape
+            f"{number}.{name}": (torch.Size() if name == "step" else value.shape, single)
             for number, value in enumerate(self.net.parameters())
             for name in ("step", "exp_avg", "exp_avg_sq")
         }
         wanted = {"net": own, "best": own, "optimiser": moments}
-        found = {g: {n: v.shape for n, v in named.items()} for g, named in tensors.items()}
+        found = {
+            g: {n: (v.shape, v.dtype) for n, v in named.items()} for g, named in tensors.items()
+        }
         if found != wanted:
-            raise ValueError("its tensors have other names or shapes")
+            raise ValueError("its tensors have other names, shapes or kinds")
         numbers = {**self._counters(), "smoothed": 0.0, "history": []}
         rows = said.get("history")
         history = isinstance(rows, list) and all(

@@ -11,7 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from lbgc.outputs import shown
+
 T = TypeVar("T")
+_LONGEST_LABEL = 100
+"""Largest number of characters of a title or a label."""
 AXIS_COLOURS = ("#c0392b", "#27895a", "#2c5d9b")
 AXIS_NAMES = ("forward", "right", "down")
 ESTIMATOR_COLOURS = (
@@ -25,15 +29,23 @@ def _figure(title: str, x: str, y: str) -> tuple[Figure, Axes]:
     """A figure with one pair of axes, these labels, and a grid."""
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
-    axes.set(title=title, xlabel=x, ylabel=y)
+    axes.set(title=_plain(title), xlabel=x, ylabel=y)
     axes.grid(True, which="both", color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     return figure, axes
 
 
 def _coloured(rows: Mapping[str, T]) -> Iterator[tuple[tuple[str, T], str]]:
-    """The row of each estimator or protocol, with its name and colour."""
-    return zip(rows.items(), cycle(ESTIMATOR_COLOURS), strict=False)
+    """The row of each estimator or protocol, with its name as a label and its colour."""
+    labelled = ((_plain(name), row) for name, row in rows.items())
+    return zip(labelled, cycle(ESTIMATOR_COLOURS), strict=False)
+
+
+def _plain(text: str) -> str:
+    """A text from outside as matplotlib draws it letter by letter: a dollar begins no formula, and
+    a line at the start hides no label."""
+    said = shown(text, _LONGEST_LABEL).replace("$", r"\$")
+    return f" {said}" if said.startswith("_") else said
 
 
 def loss_curve(history: Sequence[Mapping[str, float]]) -> Figure:
@@ -43,7 +55,7 @@ def loss_curve(history: Sequence[Mapping[str, float]]) -> Figure:
     names = [name for name in history[0] if name.startswith("validation_")]
     for i, name in enumerate(names):
         shade = 0.25 + 0.65 * i / max(len(names) - 1, 1)
-        label = name.removeprefix("validation_").removesuffix("_deg")
+        label = _plain(name.removeprefix("validation_").removesuffix("_deg"))
         axes.plot(steps, [r[name] for r in history], color=(0.1, 0.3, 0.55, shade), label=label)
     best = min(history, key=lambda row: row["score"])
     axes.axvline(best["step"], color="#d1691f", linewidth=1, label="kept")

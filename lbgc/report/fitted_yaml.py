@@ -3,6 +3,7 @@
 import numpy as np
 
 from lbgc.data.static import Static
+from lbgc.outputs import as_json
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
 from lbgc.report.fitted_beside import beside, number
 from lbgc.sensor.calibration import Calibration
@@ -34,7 +35,7 @@ def sensor_yaml(
         "# Each line: forward, right, down; 95% intervals behind. What the log cannot tell from",
         "# zero is zero, with its 95% upper limit behind. A single recording tells biases by its",
         "# mean alone, and not how long they last: recordings with known headings do.",
-        f"name: {name}",
+        f"name: {as_json(name)}",
         *more.top,
     ]
     for which, part in enumerate(("gyro", "accel")):

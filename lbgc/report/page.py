@@ -1,8 +1,7 @@
 """An evaluation's results for people: the table on the screen, and one self-contained HTML page."""
 
 import base64
-import csv
-import json
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -12,14 +11,15 @@ import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
+from lbgc.data import picture
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
-from lbgc.errors import build, reading
+from lbgc.errors import InputError, build
 from lbgc.headings import Table, one_by_one, spelled
 from lbgc.headings import rows as headings_as_rows
 from lbgc.metrics import Ratio, Reach, Summary, is_untrue
-from lbgc.outputs import write_atomically
-from lbgc.report import figures, paper
+from lbgc.outputs import printable, write_atomically
+from lbgc.report import figures, history, paper
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
@@ -144,13 +144,24 @@ def _lined_up(head: list[str], lines: Sequence[Sequence[str]]) -> list[str]:
     return [found[0], "  ".join("-" * w for w in widths), *found[1:]]
 
 
-def write_page(path: Path, result: Result, run: str | None) -> Path:
+def page_environment() -> jinja2.Environment:
+    """What fills a page's places: any text there is a text, and no tag nor a mark that acts."""
+    return jinja2.Environment(
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=lambda value: printable(value) if isinstance(value, str) else value,
+    )
+
+
+def write_page(
+    path: Path, result: Result, run: str | None, description: Mapping | None = None
+) -> Path:
     """Write the report as an HTML page and return its path. run : the training run that was
-    evaluated, if one was."""
-    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(
+    evaluated, if one was; description : what its `model.json` says."""
+    template = page_environment().from_string(
         (files("lbgc.report") / "page.html.j2").read_text(encoding="utf-8")
     )
-    description = json.loads((Path(run) / "model.json").read_text()) if run else None
+    pictures, notes = _pictures(result, run, description)
     page = template.render(
         subject=result.subject,
         columns=_COLUMNS,
@@ -158,13 +169,13 @@ def write_page(path: Path, result: Result, run: str | None) -> Path:
         verdicts=result.verdicts,
         rows=list(zip(cells(result), map(is_untrue, result.rows.values()), strict=True)),
         reach=result.reach,
-        notes=result.notes,
+        notes=[*result.notes, *notes],
         bias=_bias_split(result.subject.configuration, description),
         paper_rows=_beside_the_paper(result),
         model=description,
         kind=description and KINDS[description["model"]["cell"]],
         parameters=_published_parameters(description),
-        pictures=_pictures(result, run),
+        pictures=pictures,
     )
     write_atomically(path, page)
     return path
@@ -216,16 +227,24 @@ def _published_parameters(run: Mapping | None) -> int | None:
     return paper.PARAMETERS.get((run["model"]["layers"], run["model"]["hidden"]))
 
 
-def _pictures(result: Result, run: str | None) -> list[dict]:
-    """Titles and PNG data of the figures, in the page's order."""
+def _pictures(
+    result: Result, run: str | None, description: Mapping | None
+) -> tuple[list[dict], list[str]]:
+    """Titles and PNG data of the figures, in the page's order; and what is left out, and why."""
     drawn = _error_pictures(result) if result.rows else _heading_pictures(result)
     drawn.append(("Allan deviation of the data", figures.png(_allan(result.subject))))
-    if run is not None and (Path(run) / "history.csv").is_file():
-        drawn.append(("Loss curve", figures.png(_loss_curve(Path(run) / "history.csv"))))
-    picture = result.subject.picture
-    if picture is not None and picture.is_file():
-        drawn.append(("The bench", picture.read_bytes()))
-    return [{"title": t, "data": base64.b64encode(png).decode()} for t, png in drawn]
+    notes = []
+    if run is not None and os.path.lexists(Path(run) / history.FILE):
+        own = (description or {}).get("history")
+        try:
+            rows = history.read(Path(run) / history.FILE, own)
+            drawn.append(("Loss curve", figures.png(figures.loss_curve(rows))))
+        except InputError:
+            notes.append(f"no loss curve: {history.FILE} is damaged; {history.AGAIN}")
+    bench = None if result.subject.picture is None else picture.read(result.subject.picture)
+    if bench is not None:
+        drawn.append(("The bench", bench))
+    return [{"title": t, "data": base64.b64encode(png).decode()} for t, png in drawn], notes
 
 
 def _heading_pictures(result: Result) -> list[tuple[str, bytes]]:
@@ -288,10 +307,3 @@ def _allan(subject: Subject) -> Figure:
         model = fine, np.sqrt(gyro.allan_variance(fine, sampling)) / DEG * HOUR
     earth = EARTH_RATE * np.cos(subject.latitude) / DEG * HOUR
     return figures.allan_deviation(taus, measured / DEG * HOUR, model, earth)
-
-
-def _loss_curve(history: Path) -> Figure:
-    """The loss curve of a run's `history.csv`. Raises InputError where it is damaged."""
-    with reading("run", history, "is damaged"):
-        rows = csv.DictReader(history.read_text().splitlines())
-        return figures.loss_curve([{k: float(v) for k, v in row.items()} for row in rows])

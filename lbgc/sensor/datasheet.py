@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.errors import Axes, require, require_not_negative
+from lbgc.errors import Axes, require, require_name, require_not_negative
+from lbgc.outputs import LONGEST, shown
 from lbgc.sensor import kalibr, noise
 from lbgc.sensor.conversion import to_si
 from lbgc.sensor.counting import CarriedCounts, RateCounts
@@ -296,6 +297,7 @@ class ImuConfig:
     accel: AccelConfig = field(default_factory=AccelConfig)
 
     def __post_init__(self) -> None:
+        require_name("name", self.name)
         size = self.gyro.magnetic_deg_per_h_per_gauss
         require(
             any(self.magnetic_field.ned) or not np.any(size),
@@ -317,7 +319,7 @@ class ImuConfig:
             1 / rate_hz,
             Surroundings(**vars(self.temperature)),
             self.magnetic_field.ned,
-            self.assumed,
+            shown(self.assumed, 3 * LONGEST),
         )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lbgc import outputs
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.clock import Said
 from lbgc.data.readers.picked import Picked, named, picked
@@ -78,7 +79,7 @@ def only_file(path: Path, named: str | Path) -> Path:
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `table`: the one recording of a CSV or Parquet file with named columns."""
-    yield _from_sheet(sheet(only_file(path, config.path)), path.stem, config)
+    yield _from_sheet(sheet(only_file(path, config.path)), outputs.shown(path.stem), config)
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
@@ -95,7 +96,7 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
         if heading is None and found:
             heading = float(found[1])
         own = sheet(only_file(file, file))
-        yield _from_sheet(own, file.name, replace(config, heading_deg=heading))
+        yield _from_sheet(own, outputs.shown(file.name), replace(config, heading_deg=heading))
 
 
 def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
@@ -201,7 +202,9 @@ def _psins(path: Path, config: LogConfig) -> Iterator[Raw]:
         "is no PSINS file: it "
         f"must have three header rows and then data, six numbers each, not {rows.shape}",
     )
-    require_finite(path.name, rows, [f"number {column} of six" for column in range(1, 7)])
+    require_finite(
+        outputs.shown(path.name), rows, [f"number {column} of six" for column in range(1, 7)]
+    )
     attitude, place, scales = rows[:3]
     good = _MS[0] <= place[4] <= _MS[1] and _G[0] <= place[5] <= _G[1]
     good = good and bool(((scales >= _SCALES[0]) & (scales <= _SCALES[1])).all())
@@ -216,7 +219,7 @@ def _psins(path: Path, config: LogConfig) -> Iterator[Raw]:
     )
     counts = rows[3:]
     yield Raw(
-        path.name,
+        outputs.shown(path.name),
         counts[:, :3] * scales[:3],
         counts[:, 3:] * scales[3:],
         config,

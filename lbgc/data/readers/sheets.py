@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lbgc import machine
+from lbgc import machine, outputs
 from lbgc.data.readers import tables
 from lbgc.data.readers.dialects import (
     MARKS,
@@ -38,10 +38,8 @@ _SINGLE_QUOTES = re.compile(rb"^'", re.M)
 
 
 def shown(text: object) -> str:
-    """Text from a file in a form for messages: short, and without characters that could control a
-    terminal."""
-    plain = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in str(text)[: 2 * _SHOWN])
-    return plain if len(plain) <= _SHOWN else plain[: _SHOWN - 3] + "..."
+    """Text from a file in a form for messages, which name several."""
+    return outputs.shown(text, _SHOWN)
 
 
 @dataclass(frozen=True)
