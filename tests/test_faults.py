@@ -391,8 +391,11 @@ def test_a_cluster_says_what_it_needs(cli, monkeypatch):
     assert "is this process's alone" in in_memory.err
 
 
-def test_info_says_what_is_there(cli, copy, whole):
-    said = cli("lbgc.info", f"data={whole}")
+def test_info_says_what_is_there(cli, tmp_path):
+    """Of a dataset that was generated, since info reads what it says of itself."""
+    copy = tmp_path / "d.zarr"
+    generate(copy, recordings=20, duration_s=84.0, rate_hz=50.0)
+    said = cli("lbgc.info", f"data={copy}")
     assert (said.code, Path(said.last_line).suffix) == (0, ".png")
     assert "finished, every file as it was written" in said.out
     assert "recordings   20 of 84 s" in said.out
