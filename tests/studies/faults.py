@@ -8,7 +8,12 @@
    by byte, against an uninterrupted run's.
 3. Digests of the same dataset made by this process, by 1, 2 and 4 others, by others of which one is
    killed midway, and by two workers of a dask scheduler, of which one is killed midway too.
-4. Random damage, spread evenly over payload, shard index, metadata and manifest: whether reading
+4. Every command where what it runs in fails it (`tests/environment.py`): full disks, permissions,
+   links, names, pipes, signals, places elsewhere; whether it says one line and ends with the right
+   exit code, and succeeds when run again.
+5. Generation, training and the fit killed while processes work for them: whether one is left after
+   five seconds.
+6. Random damage, spread evenly over payload, shard index, metadata and manifest: whether reading
    refuses, and whether generating again gives back every byte.
 """
 
@@ -31,6 +36,7 @@ import torch
 from common import Report, cases
 from corruption import KINDS
 from dask_cluster import running
+from environment import COMMANDS, Faults, Server, left_of, prepare
 from helpers import composed, default_config
 from tqdm import tqdm
 
@@ -242,6 +248,49 @@ def corruptions(report: Report, home: Path) -> None:
     }
 
 
+def environment(report: Report, home: Path) -> None:
+    server = Server()
+    prepare(server, home / "given")
+    faults = Faults(server, home, np.random.default_rng([CASES["seed"], 3]))
+    every = [(name, module) for name in faults.names() for module in COMMANDS]
+    done, wrong, spans = 0, [], dict.fromkeys(faults.names(), 0)
+    for name, module in tqdm(every[:: CASES["environment_every"]], "failing", leave=False):
+        said = getattr(faults, name)(module)
+        if said is not None:  # a command that can meet this fault
+            done, spans[name] = done + 1, spans[name] + 1
+            wrong += [f"{name}, {module}: {said}"] if said else []
+    report.line("commands failed from outside: " + ", ".join(f"{n} {c}" for n, c in spans.items()))
+    for said in wrong:
+        report.line(f"  {said}")
+    report.summary |= {"environment_faults": done, "environment_tracebacks": len(wrong)}
+    left = 0
+    for module, *options in CASES["orphans"] * CASES["orphans_repeats"]:
+        left += orphans(report, server, home, faults.rng, module, *options)
+    report.summary["orphans_after_kill"] = left
+    server.close()
+
+
+def orphans(
+    report: Report, server: Server, home: Path, rng: np.random.Generator, module: str, *options: str
+) -> int:
+    """How many processes are left of a command that is killed while others work for it."""
+    cwd = home / f"killed {rng.integers(1 << 30)}"
+    cwd.mkdir()
+    process = server.begin(cwd, module, *(o.format(given=home / "given") for o in options))
+    while len(working := left_of(process)) < 2:
+        assert process in working, f"{module} was over before processes worked for it"
+        time.sleep(0.05)
+    time.sleep(rng.uniform())
+    working = left_of(process)
+    os.kill(process, signal.SIGKILL)
+    assert server.end().code == -signal.SIGKILL
+    until = time.monotonic() + 5
+    while (left := left_of(process)) and time.monotonic() < until:
+        time.sleep(0.1)
+    report.line(f"{module} killed with {len(working) - 1} at work: {len(left)} left")
+    return len(left)
+
+
 if __name__ == "__main__":
     set_forkserver_preload(["sim.generate", "lbgc.train", "helpers", "common", "corruption"])
     with Report("studies/faults") as study, tempfile.TemporaryDirectory() as temporary:
@@ -249,4 +298,7 @@ if __name__ == "__main__":
         kills(study, place)
         training_kills(study, place)
         digests(study, place)
+        (place / "environment").mkdir(mode=0o755)
+        place.chmod(0o755)  # others than root read there
+        environment(study, place / "environment")
         corruptions(study, place)

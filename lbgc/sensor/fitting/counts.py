@@ -179,6 +179,8 @@ def _tones(y: np.ndarray) -> np.ndarray:
     for _ in range(_TONES):
         power = np.abs(np.fft.rfft(y * window)) ** 2
         power[: max(40, n // 2000)] = 0
+        if not power.any():  # too short to tell a tone from a slow change
+            break
         top = int(np.argmax(power[:-1]))
         level = float(np.mean(power[power > 0])) + 1e-300
         amplitude = 2 * np.sqrt(power[top]) / np.sum(window)

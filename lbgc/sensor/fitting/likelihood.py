@@ -21,6 +21,8 @@ _ENOUGH = 1e-5
 WIDEST = 0.3
 """The largest width of a line, over the frequency where it is looked for. A wider one is not a line
 and would hide those that are."""
+_FAR = 1e6
+"""The factor by which a time may lie outside those that a log shows."""
 _STEP = 1e-4
 """Step of a log-parameter in a numerical derivative."""
 _unit = lru_cache(maxsize=2048)(density)
@@ -29,11 +31,17 @@ _unit = lru_cache(maxsize=2048)(density)
 def _range(name: str, data: Ordinates) -> tuple[float, float]:
     """The least and the largest value of a parameter. Damping ends at 1, because a filter with a
     damping above one has two separate poles, which is what `FIRST_ORDER` is for. A line narrower
-    than 3/duration is not resolved by the log."""
+    than 3/duration is not resolved by the log. Times and bandwidths end where no log shows them:
+    beyond, their powers are no numbers any more."""
+    duration = data.n * data.dt
     if name.startswith("line_width"):
-        return 3 / (data.n * data.dt), np.inf
+        return 3 / duration, _FAR / data.dt
+    if name == "bandwidth":
+        return 1 / (_FAR * duration), _FAR / data.dt
+    if name == "GM_T":
+        return data.dt / _FAR, _FAR * duration
     if name.startswith("line_f0"):
-        return 1 / (data.n * data.dt), 0.5 / data.dt
+        return 1 / duration, 0.5 / data.dt
     return (0.3, 1.0) if name == "damping" else (0.0, np.inf)
 
 
@@ -151,7 +159,8 @@ class Likelihood:
             ridge = 1e-12 * np.trace(information) + 1e-12
             step = np.linalg.solve(information + ridge * np.eye(free.sum()), gradient[moves])
             step *= min(1.0, 1.0 / np.abs(step).max(initial=1e-300))
-            if gradient[moves] @ step < enough:  # the expected gain
+            gain = gradient[moves] @ step  # expected
+            if not gain >= enough:  # little, or no number: the model's variance is zero somewhere
                 break
             room = np.where(step < 0, self.most[free] - p[free], p[free] - self.least[free])
             # A step that would leave a parameter's range is cut short.

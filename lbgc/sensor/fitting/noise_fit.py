@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.fft
 
+from lbgc.errors import require
 from lbgc.sensor import gaussian, noise
 from lbgc.sensor.deterministic import InRun, Ramp, Sinusoid
 from lbgc.sensor.fitting import corner
@@ -179,6 +180,9 @@ def judged(series: np.ndarray, data: Ordinates, fit: Fit) -> Fit:
     the model fails, each interval is widened by how much the bands of the spectrum disagree about
     its parameter. series : (R, n), unit, the series that the data were made of."""
     values = {name: e.value for name, e in fit.estimates.items()}
+    shows = any(values[s.names[0]] > 0 for s in fit.shapes)
+    what = "show no noise beside their tones and their rounding to counts; give a longer log"
+    require(shows, "samples", data.n, what)
     goodness = judge(series, data, fit.shapes, values)
     felt = [s for s in fit.shapes if values[s.names[0]] > 0]
     p = np.log([values[name] for s in felt for name in s.names])
