@@ -15,6 +15,8 @@ from lbgc.errors import InputError, require, require_choice
 
 _FLAGS = ("help", "hydra-help", "version", "resolve", "run", "multirun", "shell-completion")
 _VALUED = ("config-dir", "cfg", "package", "info")
+_OWN = ("verify",)
+"""Options that are not Hydra's."""
 _SHORT = {"help": "-h", "run": "-r", "multirun": "-m", "shell-completion": "-sc",
           "config-dir": "-cd", "cfg": "-c", "package": "-p", "info": "-i"}  # fmt: skip
 _CHOICES = {
@@ -37,13 +39,13 @@ _WORD = re.compile(r"[\w.:+@-]*")
 script, where a space or an end of line would begin something else."""
 
 
-def taken_apart(arguments: Sequence[str]) -> tuple[Path | None, list[str], list[str]]:
-    """The directory of `--config-dir`, Hydra's options, and the overrides. Raises InputError at an
-    option that is not taken."""
+def taken_apart(arguments: Sequence[str]) -> tuple[Path | None, bool, list[str], list[str]]:
+    """The directory of `--config-dir`, whether `--verify` is given, Hydra's options, and the
+    overrides. Raises InputError at an option that is not taken."""
     parser = argparse.ArgumentParser(add_help=False, exit_on_error=False)
-    for name in (*_FLAGS, *_VALUED):
+    for name in (*_FLAGS, *_VALUED, *_OWN):
         written = [f"--{name}", *([_SHORT[name]] if name in _SHORT else [])]
-        how: dict[str, Any] = {"action": "store_true"} if name in _FLAGS else {}
+        how: dict[str, Any] = {} if name in _VALUED else {"action": "store_true"}
         how |= {"nargs": "?", "const": "all"} if name == "info" else {}
         parser.add_argument(*written, dest=name, **how)
     try:
@@ -53,11 +55,12 @@ def taken_apart(arguments: Sequence[str]) -> tuple[Path | None, list[str], list[
     given = vars(known)
     for word in (word for word in rest if word.startswith("-")):
         raise InputError("option", word, "", [f"--{name}" for name in given])
+    verify = given.pop("verify")
     directory = None if (said := given.pop("config-dir")) is None else Path(said)
     require(directory is None or directory.is_dir(), "--config-dir", directory, "is no directory")
     options = [f"--{name}" if given[name] is True else f"--{name}={given[name]}"
              for name in given if given[name] not in (False, None)]  # fmt: skip
-    return directory, options, rest
+    return directory, verify, options, rest
 
 
 def require_allowed(override: Any, groups: Sequence[str]) -> None:

@@ -22,7 +22,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 from omegaconf.resolvers import oc
 
-from lbgc import command_line, ending, fault, sweeps, user_yaml
+from lbgc import command_line, ending, fault, machine, sweeps, user_yaml
 from lbgc.errors import InputError, build, require
 from lbgc.fault import Fault
 from lbgc.outputs import LONGEST, printable, shown
@@ -179,7 +179,7 @@ def _brought(config_class: type) -> Iterator[None]:
     the files that are brought along as values that stand in no directory. Raises InputError instead
     of Hydra's error where one that it does not find was refused."""
     before = sys.argv
-    directory, options, overrides = command_line.taken_apart(before[1:])
+    directory, verify, options, overrides = command_line.taken_apart(before[1:])
     groups = [place.name for place in Path(CONF).iterdir() if place.is_dir()]
     for override in OverridesParser.create().parse_overrides(overrides):
         command_line.require_allowed(override, groups)
@@ -187,6 +187,8 @@ def _brought(config_class: type) -> Iterator[None]:
     refused: dict[str, InputError] = {}
     try:
         sys.argv = [before[0], *options, *overrides]
+        if verify:
+            os.environ[machine.VERIFY] = "1"
         if directory is not None:
             refused = _store_files(directory, config_class)
         yield
@@ -196,6 +198,8 @@ def _brought(config_class: type) -> Iterator[None]:
         raise
     finally:
         sys.argv = before
+        if verify:
+            del os.environ[machine.VERIFY]
         for group in user_yaml.GROUPS:
             ConfigStore.instance().repo.pop(group, None)
 

@@ -14,6 +14,7 @@ from lbgc.data import manifest, store
 from lbgc.data.record import Record
 from lbgc.data.schema import SPLITS, VARIABLES
 from lbgc.data.store import Dataset
+from lbgc.data.verification import State
 from lbgc.errors import require, require_positive
 from lbgc.outputs import mark_latest, shown, task_directory, write_atomically
 from lbgc.report.figures import dataset_overview, png
@@ -46,9 +47,9 @@ def main(config: InfoConfig) -> Path | None:
         return None
     dataset = Dataset.open(config.data)
     print("\n".join(_whole(dataset)))
-    missing, broken = dataset.missing_shards(), dataset.damaged_shards()
-    good = sorted(set(range(dataset.layout.shards)) - {*missing, *broken})
-    print("\n".join(_state(dataset, missing, broken)))
+    state = dataset.state()
+    good = sorted(set(range(dataset.layout.shards)).difference(state.unfinished))
+    print("\n".join(_state(state, dataset.layout.shards)))
     if not good:
         return None
     print("\n".join(_drawn(dataset, good)))
@@ -62,7 +63,7 @@ def _whole(dataset: Dataset) -> list[str]:
     layout, stored = dataset.layout, dataset.configuration
     imu, protocol = stored.get("imu", {}), stored.get("protocol", {})
     return [
-        f"{dataset.place}: dataset {dataset.identity}, schema {store.SCHEMA}",
+        f"{dataset.place}: dataset {dataset.identity}, schema {layout.schema}",
         f"sensor       {shown(imu.get('name', 'unknown'))}",
         f"protocol     {shown(protocol.get('kind', 'unknown'))}",
         f"recordings   {layout.recordings} of {layout.samples / layout.rate_hz:g} s: "
@@ -71,15 +72,21 @@ def _whole(dataset: Dataset) -> list[str]:
     ]
 
 
-def _state(dataset: Dataset, missing: list[int], broken: list[int]) -> list[str]:
+def _state(state: State, shards: int) -> list[str]:
     """Lines on shards that are missing or damaged, and on files that do not belong there."""
-    left = manifest.strays(dataset.place)
     lines = [
         f"{name:13s}{store.some(what)}; {manifest.AGAIN}"
-        for name, what in (("missing", missing), ("damaged", broken), ("left over", left))
+        for name, what in (
+            ("missing", state.missing),
+            ("damaged", state.damaged),
+            ("left over", state.strays),
+        )
         if what
     ]
-    return lines or ["state        finished, every file as it was written"]
+    if lines or state.read == shards:
+        return lines or ["state        finished, every file as it was written"]
+    known = f"{shards - state.read} of {shards} shards were found whole before, and are unchanged"
+    return [f"state        finished; {known} (--verify reads all)"]
 
 
 def _rows(dataset: Dataset, name: str, good: list[int]) -> np.ndarray:

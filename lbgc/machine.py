@@ -10,6 +10,9 @@ from typing import Any
 from lbgc.errors import InputError
 from lbgc.units import unit_of
 
+VERIFY = "LBGC_VERIFY"
+"""The environment variable that `--verify` sets: what was found whole on this machine before is not
+taken for whole, in this process and those that it starts."""
 _GROUPS = Path("/sys/fs/cgroup")
 _SAID_BYTES, _SAID_S = 2e9, 600.0
 """Memory or files, and time, from which on they are told before the start."""

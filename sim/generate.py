@@ -81,7 +81,7 @@ def _generate(config: GenerateConfig, place: Place, layout: store.Layout) -> Non
     """Make all shards that are missing or damaged in the dataset at this place."""
     where = str(place.local.resolve() if place.local else place)
     dataset = store.create(where, layout, config.content(), _recipe())
-    shards = dataset.unfinished_shards()
+    shards = dataset.state().unfinished
     total = sum(len(dataset.layout.rows(shard)) for shard in shards)
     with tqdm(total=total, unit="rec", desc="generating", disable=not shards) as bar:
         if config.cluster.kind == "serial":
@@ -97,6 +97,7 @@ def _generate(config: GenerateConfig, place: Place, layout: store.Layout) -> Non
     if shards:
         with writing(place):
             place.settle()
+        dataset.remember()
 
 
 def make_shard(config: GenerateConfig, path: str, shard: int) -> None:

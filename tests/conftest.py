@@ -4,12 +4,18 @@ import fcntl
 import os
 import signal
 import sys
+import tempfile
 
 # Read when NumPy and PyTorch are first imported, so by the workers that xdist starts and by what
 # tests start themselves. On two processes, threads that wait for each other's cores made small
 # matrices three to fifteen times as slow.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ["OMP_NUM_THREADS"] = "1"
+# What tests find whole is not the user's to remember; Matplotlib's list of fonts stays.
+os.environ.setdefault("MPLCONFIGDIR", os.path.join(
+    os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache")), "matplotlib"
+))  # fmt: skip
+os.environ["XDG_CACHE_HOME"] = os.path.join(tempfile.gettempdir(), f"lbgc-tests-{os.getuid()}")
 
 import numpy as np
 import pytest

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lbgc.data.documents import names_of
-from lbgc.data.manifest import shard_files
+from lbgc.data.files import names_of, shard_files
 from lbgc.data.schema import ALWAYS
 
 SHARDED = ("gyro", "accel", "attitude")
@@ -50,7 +49,7 @@ def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -
         whole.write_bytes(path.read_bytes()[: int(rng.integers(path.stat().st_size))])
         return f"{whole} left"
     if way == 1:
-        shard = name.split("/")[2]
+        shard = name.split(".")[1]
         for each in shard_files(int(shard), ALWAYS):
             (store / each).unlink()
         return f"shard {shard} deleted"
@@ -61,7 +60,7 @@ def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -
 
 def index(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
     """Damage the index at the end of a file of several chunks."""
-    path = store / f"{one_of(rng, list(SHARDED))}/c/{int(rng.integers(shards))}/0/0"
+    path = store / f"{one_of(rng, list(SHARDED))}/c.{int(rng.integers(shards))}.0.0"
     return flip(path, rng, first=path.stat().st_size - (16 * 16 + 4))
 
 
@@ -78,7 +77,7 @@ def manifest(store: Path, rng: np.random.Generator, shards: int, foreign: Path) 
         shutil.rmtree(store / "manifest")
         shutil.copytree(foreign / "manifest", store / "manifest")
         return "another dataset's manifest"
-    rows = [f"{n}/c/{s}/0" for n in ("digest", "stored") for s in range(shards)]
+    rows = [f"shards/c.{shard}.0" for shard in range(shards)]
     path = store / "manifest" / one_of(rng, ["zarr.json", *rows])
     return (flip, flip, flip, truncate, delete)[way - 1](path, rng)
 

@@ -25,7 +25,7 @@ from safetensors.torch import save
 from lbgc import user_yaml
 from lbgc.calibrate import COLUMNS
 from lbgc.commands import CONF
-from lbgc.data import logs, manifest, store
+from lbgc.data import files, logs, manifest, store
 from lbgc.data.documents import Layout
 from lbgc.data.logs import LogConfig
 from lbgc.data.place import Place
@@ -339,23 +339,23 @@ def _reseal_store(home: Path) -> None:
     place = Place(home / "d.zarr")
     found = {name: place.read(name) or b"" for name in LAYOUT.documents}
     try:
-        said = json.loads(found[manifest.ROOT])["attributes"]
+        said = json.loads(found[files.ROOT])["attributes"]
         identity = fingerprint({"schema": said["schema"], **said["configuration"]})
-        text = found[manifest.ROOT].replace(str(said["identity"]).encode(), identity.encode())
-        place.write(manifest.ROOT, text)
-        found[manifest.ROOT] = text
+        text = found[files.ROOT].replace(str(said["identity"]).encode(), identity.encode())
+        place.write(files.ROOT, text)
+        found[files.ROOT] = text
     except (ValueError, KeyError, TypeError, RecursionError):
         identity = "x"
     place.write(manifest.MANIFEST, manifest.compose(identity, found))
-    for name in manifest.shard_files(0, LAYOUT.variables):
+    for name in files.shard_files(0, LAYOUT.variables):
         content = place.read(name)
-        if content and "/c/0/0/0" not in name:
+        if content and "/c.0.0.0" not in name:
             place.write(name, content[:-4] + _crc(content[:-4]))
-    digest = (place.read("manifest/digest/c/0/0") or b"")[:32]
-    row = manifest.stored_checksum(
-        identity, 0, digest, manifest.shard_files(0, LAYOUT.variables), place.read
-    )
-    place.write("manifest/stored/c/0/0", row + _crc(row))
+    (file,), own = files.row_files(0), files.shard_files(0, LAYOUT.variables)
+    entries = place.entries()
+    sizes = {name: entries[name].size for name in own if name in entries}
+    row = manifest.stored_checksum(identity, 0, own, place.read) + manifest.sizes_checksum(sizes)
+    place.write(file, row + _crc(row))
 
 
 def _crc(content: bytes) -> bytes:
@@ -439,7 +439,7 @@ class Bench:
 def readers(home: Path) -> dict[str, Reader]:
     """Every reader of outside data, its example made below `home`."""
     stored = _store(home)
-    payload = [n for n in stored if "/c/" in n and "manifest" not in n]
+    payload = [n for n in stored if "/c." in n and "manifest" not in n]
     documents = [n for n in stored if n.endswith("zarr.json")]
     rows = [n for n in stored if "manifest" in n]
 

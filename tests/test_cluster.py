@@ -35,8 +35,8 @@ def test_dask_with_a_worker_killed_midway_gives_the_same_digest(cli, serial, tmp
     with running(tmp_path, workers=2) as (address, workers):
 
         def kill_one() -> None:
-            first = tmp_path / "d.zarr/manifest/stored/c"
-            while not list(first.glob("*/0")):
+            first = tmp_path / "d.zarr/manifest/shards"
+            while not list(first.glob("c.*")):
                 time.sleep(0.01)
             workers[0].kill()
 

@@ -55,6 +55,7 @@ def ended(monkeypatch, capsys, tmp_path):
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_told_to_end_it_says_one_line(number, code, ended):
     said = "interrupted; run the same command again to go on\n"
+    signal.signal(number, signal.SIG_DFL)  # a command of another test leaves it ignored
     assert ended(lambda: signal.raise_signal(number)) == (code, said)
 
 

@@ -128,8 +128,8 @@ def test_what_a_command_line_may_not_say(cli, words, says):
 
 
 def test_what_hydra_is_told_of_a_command_line():
-    taken = command_line.taken_apart(["-m", "a=1,2", "--cfg=job", "b=3", "--inf"])
-    assert taken == (None, ["--multirun", "--cfg=job", "--info=all"], ["a=1,2", "b=3"])
+    taken = command_line.taken_apart(["-m", "a=1,2", "--cfg=job", "b=3", "--verify", "--inf"])
+    assert taken == (None, True, ["--multirun", "--cfg=job", "--info=all"], ["a=1,2", "b=3"])
 
 
 def test_our_own_files_could_be_brought_along(tmp_path):

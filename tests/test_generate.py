@@ -86,7 +86,7 @@ def test_going_on_after_an_interruption_gives_the_same_bytes(tmp_path, monkeypat
     monkeypatch.setattr(Dataset, "write_shard", killed)
     with pytest.raises(KeyboardInterrupt):
         generate(tmp_path / "d.zarr", **SMALL)
-    assert Dataset.open(tmp_path / "d.zarr").missing_shards() == [0]
+    assert Dataset.open(tmp_path / "d.zarr").state().missing == [0]
     monkeypatch.setattr(Dataset, "write_shard", write)
     assert generate(tmp_path / "d.zarr", **SMALL).digest() == small.digest()
 

@@ -12,7 +12,7 @@ from lbgc.learning import pretrained
 from lbgc.learning.description import DESCRIPTION, compose, parse
 
 ANSWERS = json.loads(recording.ANSWERS.read_text())
-RELATIVE = 1e-9
+RELATIVE = 1e-6  # what another processor's order of sums changes in a search for the best heading
 LEARNED = 1e-4  # PyTorch reckons with single precision, in an order of its own choosing
 
 

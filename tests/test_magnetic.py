@@ -68,7 +68,7 @@ def test_a_dataset_has_the_variable_only_where_it_is_drawn(tmp_path):
     with_it = generate(tmp_path / "b.zarr", **SMALL)
     assert with_it.layout.variables == (*ALWAYS, "gyro_magnetic")
     assert Dataset.open_finished(with_it.path).digest() == with_it.digest()
-    file = with_it.path / "gyro_magnetic" / "c" / "0" / "0" / "0"
+    file = with_it.path / "gyro_magnetic" / "c.0.0.0"
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 1
     file.write_bytes(content)

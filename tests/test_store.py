@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 import xarray
 import zarr
 
-from lbgc.data import store
+from lbgc.data import manifest, store
+from lbgc.data.documents import documents
+from lbgc.data.place import Place
 from lbgc.data.schema import ALWAYS, VARIABLES
 from lbgc.data.shard import Shard
 from lbgc.data.store import Dataset, Layout
@@ -83,7 +86,7 @@ def test_the_checksum_is_the_last_codec_of_every_array(dataset):
 
 
 def test_a_flipped_bit_is_not_read_as_data(dataset):
-    payload = next(p for p in (dataset.path / "gyro" / "c").rglob("*") if p.is_file())
+    payload = next((dataset.path / "gyro").glob("c.*"))
     content = bytearray(payload.read_bytes())
     content[len(content) // 2] ^= 4
     payload.write_bytes(content)
@@ -114,7 +117,7 @@ def test_an_unfinished_dataset_is_refused_and_can_be_gone_on_with(tmp_path):
     with pytest.raises(InputError, match="is not finished: 1 of 2 shards are missing"):
         Dataset.open_finished(path)
     again = store.create(path, LAYOUT, {"a": 1}, {})
-    assert again.missing_shards() == [1]
+    assert again.state().missing == [1]
     again.write_shard(1, batch(LAYOUT, 1))
     assert Dataset.open_finished(path).digest() == make(tmp_path / "whole.zarr").digest()
 
@@ -147,8 +150,50 @@ def test_another_schema_is_refused_by_number(dataset, call):
     attributes = zarr.open_group(dataset.path, mode="r+").attrs
     attributes["schema"] = 2
     attributes["identity"] = fingerprint({"schema": 2, "a": 1})
-    with pytest.raises(InputError, match="has schema 2, this version reads 4; generate it again"):
+    with pytest.raises(
+        InputError, match="has schema 2, this version reads 4 and 5; generate it again"
+    ):
         call(dataset.path)
+
+
+def older(path: Path) -> Dataset:
+    """A dataset as versions of schema 4 wrote it, by Zarr: files in directories of directories, one
+    of every variable, and two of each row of the manifest."""
+    layout = replace(LAYOUT, schema=4)
+    identity = fingerprint({"schema": 4, "a": 1})
+    said = {"schema": 4, "identity": identity, "configuration": {"a": 1}, "rate_hz": layout.rate_hz}
+    made, place = documents(layout, said), Place(path)
+    place.write_all({**made, manifest.MANIFEST: manifest.compose(identity, made)})
+    group = zarr.open_group(path, mode="r+")
+    for shard in range(layout.shards):
+        rows = layout.rows(shard)
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            for name, value in batch(layout, shard).items():
+                group[name][rows.start : rows.stop] = value
+        digest, names = Dataset.open(path)._shard_digest(shard), layout.files(shard)
+        stored = manifest.stored_checksum(identity, shard, names, place.read, digest)
+        group["manifest/digest"][shard] = np.frombuffer(digest, np.uint8)
+        group["manifest/stored"][shard] = np.frombuffer(stored, np.uint8)
+    return Dataset.open(path)
+
+
+def test_a_dataset_of_an_earlier_schema_is_read_and_not_written(tmp_path, dataset):
+    before = older(tmp_path / "old.zarr")
+    assert (before.path / "gyro/c/1/0/0").exists()
+    assert (before.path / "manifest/stored/c/1/0").exists()
+    read = Dataset.open_finished(before.path)
+    assert read.digest() == dataset.digest()
+    opened = xarray.open_zarr(before.path)
+    assert opened.equals(xarray.open_zarr(dataset.path))
+    with pytest.raises(InputError, match="as an earlier version wrote it, which is read and not"):
+        store.create(before.path, LAYOUT, {"a": 1}, {})
+    (before.path / "heading/c/1").unlink()
+    assert before.state().damaged == [1]
+    (before.path / "manifest/digest/c/0/0").unlink()
+    assert before.state().missing == [0]
+    (before.path / "gyro/zarr.json").unlink()
+    with pytest.raises(InputError, match=r"is damaged \(gyro/zarr.json\)"):
+        Dataset.open(before.path)
 
 
 def test_a_directory_around_the_dataset_will_do(tmp_path, dataset):
@@ -175,17 +220,20 @@ def test_a_shards_files_are_zarrs_own(tmp_path, samples, recordings):
     group = zarr.open_group(theirs.path, mode="r+")
     for shard in range(2):
         values, rows = batch(layout, shard), layout.rows(shard)
+        values["gyro_matrix"][:] = 0
+        values["time_error"] = np.copysign(0 * values["time_error"], -1)
         ours.write_shard(shard, values)
-        with zarr.config.set({"array.write_empty_chunks": True}):
-            for name, value in values.items():
+        for name, value in values.items():
+            with zarr.config.set({"array.write_empty_chunks": name == "time_error"}):
                 group[name][rows.start : rows.stop] = value
     for name in ALWAYS:
-        for file in (theirs.path / name / "c").rglob("*"):
-            if file.is_file():
-                same = ours.path / file.relative_to(theirs.path)
-                assert same.read_bytes() == file.read_bytes(), file
+        for file in (theirs.path / name).glob("c.*"):
+            same = ours.path / file.relative_to(theirs.path)
+            assert same.read_bytes() == file.read_bytes(), file
+    assert not list((ours.path / "gyro_matrix").glob("c.*"))
+    assert list((ours.path / "time_error").glob("c.*"))
     assert ours.digest() == theirs.digest()
-    assert ours.unfinished_shards() == []
+    assert ours.state().unfinished == []
 
 
 def test_what_stands_still_is_held_once_and_stored_as_if_it_were_in_full(tmp_path):

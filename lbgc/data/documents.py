@@ -4,37 +4,25 @@ With `store.py` the only file that touches Zarr.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec, TransposeCodec
 from zarr.core.buffer import default_buffer_prototype
+from zarr.core.chunk_key_encodings import ChunkKeyEncodingLike
 from zarr.storage import MemoryStore
 
-from lbgc.data.schema import ALWAYS, AXES, RECORDED, VARIABLES
+from lbgc.data.files import names_of, row_arrays, separator, shard_files
+from lbgc.data.schema import ALWAYS, AXES, RECORDED, SCHEMA, VARIABLES
 from lbgc.outputs import as_json
 
 _SHARD_BYTES = 64e6
 _SHARD_RECORDINGS = 16
 _CHUNK_BYTES = 4e6
-ROOT = "zarr.json"
-
-
-def names_of(variables: Iterable[str]) -> tuple[str, ...]:
-    """The files of a dataset of these variables and without recordings, but for the manifest's own,
-    `manifest/zarr.json`. The root is first: it says whose all the others are."""
-    return (
-        ROOT,
-        "manifest/digest/zarr.json",
-        "manifest/stored/zarr.json",
-        *(f"{name}/zarr.json" for name in (*variables, "time", "axis")),
-        "time/c/0",
-        "axis/c/0",
-    )
 
 
 @dataclass(frozen=True)
@@ -48,11 +36,17 @@ class Layout:
     """gyro, accel: SI per count, or None where floats are stored."""
     variables: tuple[str, ...] = ALWAYS
     """Those that it has, in the order of VARIABLES."""
+    schema: int = SCHEMA
+    """The number of the schema by which its files are named."""
 
     @property
     def documents(self) -> tuple[str, ...]:
         """Its files before it has recordings: see `names_of`."""
-        return names_of(self.variables)
+        return names_of(self.variables, self.schema)
+
+    def files(self, shard: int) -> list[str]:
+        """The files that a shard may have, one a variable, by name."""
+        return shard_files(shard, self.variables, self.schema)
 
     @cached_property
     def shard(self) -> int:
@@ -73,6 +67,12 @@ class Layout:
             return self.shard
         most = max(1, int(_CHUNK_BYTES // (12 * self.samples))) if self.shard > 16 else 1
         return next(size for size in range(most, 0, -1) if self.shard % size == 0)
+
+    def compression(self, name: str) -> Literal["lz4", "zstd"]:
+        """Blosc's compressor for a variable. What a sensor gives as floats is mostly noise, which
+        none makes smaller: the fastest gives up soonest, at a quarter of the time."""
+        noise = name in self.scales and self.scales[name] is None and self.schema > 4
+        return "lz4" if noise else "zstd"
 
     def dtype(self, name: str) -> np.dtype:
         """The type in which a variable is stored."""
@@ -98,24 +98,22 @@ def documents(layout: Layout, attributes: Mapping[str, Any]) -> dict[str, bytes]
     its root."""
     files: dict[str, Any] = {}
     root = zarr.create_group(MemoryStore(files), attributes=dict(attributes))
-    group = root.create_group("manifest")
-    for name, long_name in (
-        ("digest", "SHA-256 of a finished shard's decoded arrays"),
-        ("stored", "SHA-256 of a finished shard's identity, digest and files"),
-    ):
-        group.create_array(
+    root.create_group("manifest")
+    for name, (size, long_name) in row_arrays(layout.schema).items():
+        root.create_array(
             name,
-            shape=(layout.shards, 32),
-            chunks=(1, 32),
+            shape=(layout.shards, size),
+            chunks=(1, size),
             dtype="uint8",
             fill_value=0,
             compressors=[Crc32cCodec()],
             dimension_names=("shard", "byte"),
+            chunk_key_encoding=_keys(layout),
             attributes={"long_name": long_name},
         )
     alike: dict[tuple[Any, ...], zarr.Array[Any]] = {}
     for name in layout.variables:
-        kind = (VARIABLES[name].dims, layout.dtype(name))
+        kind = (VARIABLES[name].dims, layout.dtype(name), layout.compression(name))
         if kind not in alike:  # Zarr takes most of a millisecond
             alike[kind] = _create_array(root, name, layout)
         own = alike[kind].metadata.update_attributes(_attributes(name, layout))
@@ -124,6 +122,11 @@ def documents(layout: Layout, attributes: Mapping[str, Any]) -> dict[str, bytes]
     made = {name: content.to_bytes() for name, content in files.items()}
     made["zarr.json"] = _consolidated(made)
     return {name: made[name] for name in layout.documents}
+
+
+def _keys(layout: Layout) -> ChunkKeyEncodingLike:
+    """How Zarr names an array's files."""
+    return {"name": "default", "separator": separator(layout.schema)}
 
 
 def _consolidated(made: Mapping[str, bytes]) -> bytes:
@@ -163,10 +166,13 @@ def _create_array(root: zarr.Group, name: str, layout: Layout) -> zarr.Array[Any
         shards=shard if chunk != shard else None,
         filters=filters,
         # crc32c last: the checksum is of the bytes on disk. The other order is accepted silently.
-        compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"), Crc32cCodec()],
+        compressors=[
+            BloscCodec(cname=layout.compression(name), clevel=1, shuffle="bitshuffle"),
+            Crc32cCodec(),
+        ],
         fill_value=0,
         dimension_names=variable.dims,
-        config={"write_empty_chunks": True},
+        chunk_key_encoding=_keys(layout),
     )
 
 
@@ -185,5 +191,6 @@ def _create_coordinates(root: zarr.Group, layout: Layout) -> None:
             chunks=values.shape,
             compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec()],
             dimension_names=(name,),
+            chunk_key_encoding=_keys(layout),
             attributes=attributes,
         )

@@ -7,6 +7,7 @@ followed by a checksum; a file of several chunks ends with an index of them.
 """
 
 from functools import lru_cache
+from typing import TypeAlias
 
 import google_crc32c
 import numpy as np
@@ -17,18 +18,27 @@ _ABSENT = np.uint64(2**64 - 1)
 """Entry of the index for a chunk that is not in the file."""
 
 
+_Parts: TypeAlias = tuple[bytes, bytes]
+"""A content and its checksum. They are put together once, with all others of a file: to copy what
+is compressed takes a tenth of the time that compressing does."""
+
+
 def with_checksum(content: bytes) -> bytes:
     """The content with its CRC-32C behind it, as Zarr's crc32c codec writes it."""
-    checksum: int = google_crc32c.value(content)
-    return content + checksum.to_bytes(CHECKSUM_BYTES, "little")
+    return content + _checksum(content)
 
 
-def _compressed(values: np.ndarray) -> bytes:
+def _checksum(content: bytes) -> bytes:
+    value: int = google_crc32c.value(content)
+    return value.to_bytes(CHECKSUM_BYTES, "little")
+
+
+def _compressed(values: np.ndarray, how: str) -> _Parts:
     """A chunk as it is stored, compressed and with its checksum. Much of a dataset is constant in
-    time, and mostly zero; such chunks are kept and not compressed again."""
+    time; such chunks are kept and not compressed again."""
     if _is_still(values):
-        return _compressed_still(values[..., :1].tobytes(), values.shape, values.dtype)
-    return _with_blosc(np.ascontiguousarray(values))
+        return _compressed_still(values[..., :1].tobytes(), values.shape, values.dtype, how)
+    return _with_blosc(np.ascontiguousarray(values), how)
 
 
 def _is_still(values: np.ndarray) -> bool:
@@ -41,25 +51,34 @@ def _is_still(values: np.ndarray) -> bool:
 
 
 @lru_cache(maxsize=16)
-def _compressed_still(first: bytes, shape: tuple[int, ...], dtype: np.dtype) -> bytes:
+def _compressed_still(first: bytes, shape: tuple[int, ...], dtype: np.dtype, how: str) -> _Parts:
     """A stored chunk whose values are constant along its last axis; first : their bytes at the
     start of that axis."""
     start = np.frombuffer(first, dtype).reshape(*shape[:-1], 1)
-    return _with_blosc(np.ascontiguousarray(np.broadcast_to(start, shape)))
+    return _with_blosc(np.ascontiguousarray(np.broadcast_to(start, shape)), how)
 
 
-def _with_blosc(values: np.ndarray) -> bytes:
+def _with_blosc(values: np.ndarray, how: str) -> _Parts:
     """A chunk compressed by Blosc, with its checksum."""
-    blosc = Blosc("zstd", 1, Blosc.BITSHUFFLE, typesize=values.itemsize)
-    return with_checksum(blosc.encode(values))
+    blosc = Blosc(how, 1, Blosc.BITSHUFFLE, typesize=values.itemsize)
+    content = blosc.encode(values)
+    return content, _checksum(content)
 
 
-def encoded(values: np.ndarray, chunk: int, whole: int) -> bytes:
+def is_zero(values: np.ndarray) -> bool:
+    """Whether all values are zero to the bit (minus zero is not)."""
+    once = values[..., :1] if values.strides[-1] == 0 else values
+    bits = once.view(f"u{values.itemsize}")
+    return not bits[:1].any() and not bits.any()
+
+
+def encoded(values: np.ndarray, chunk: int, whole: int, how: str) -> bytes:
     """The content of a file that stores one variable for a shard of `whole` recordings, in chunks
     of `chunk` recordings.
 
     values : (recordings, ...), of the stored dtype and in the stored order of axes; in the last
-    shard there may be fewer than `whole`. A chunk that is not full is filled with zeros.
+    shard there may be fewer than `whole`; a chunk that is not full is filled with zeros. how :
+    Blosc's compressor.
     """
     chunks = []
     for first in range(0, len(values), chunk):
@@ -68,12 +87,13 @@ def encoded(values: np.ndarray, chunk: int, whole: int) -> bytes:
             part = np.concatenate(
                 [part, np.zeros((chunk - len(part), *part.shape[1:]), part.dtype)]
             )
-        chunks.append(_compressed(part))
+        chunks.append(_compressed(part, how))
     if chunk == whole:
         (only,) = chunks
-        return only
+        return b"".join(only)
     index = np.full((whole // chunk, 2), _ABSENT)
-    sizes = np.array([len(c) for c in chunks], np.uint64)
+    sizes = np.array([len(content) + CHECKSUM_BYTES for content, _ in chunks], np.uint64)
     index[: len(chunks), 0] = np.cumsum(sizes) - sizes
     index[: len(chunks), 1] = sizes
-    return b"".join([*chunks, with_checksum(index.astype("<u8").tobytes())])
+    at_end = with_checksum(index.astype("<u8").tobytes())
+    return b"".join([part for parts in chunks for part in parts] + [at_end])

@@ -1,30 +1,31 @@
 """What a dataset's files must be: the manifest's checksums, and what does not agree with them.
 
 `manifest/zarr.json` names every document (each file written when the dataset was started) with its
-SHA-256, the dataset's identity, and a checksum of its own. `manifest/digest` and `manifest/stored`
-have a row for each finished shard: SHA-256 of its decoded arrays, and of its files as they are
-stored. A flipped bit anywhere, or a file lost, cut short or taken from another dataset, disagrees.
+SHA-256, the dataset's identity, and a checksum of its own. `manifest/shards` has a row for each
+finished shard: SHA-256 of its files as they are stored, and of their names and sizes alone. A
+flipped bit anywhere, or a file lost, cut short or taken from another dataset, disagrees.
 """
 
 import hashlib
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
-from lbgc.data.place import Place, is_partial
-from lbgc.data.schema import ALWAYS, SCHEMA, VARIABLES
+from lbgc.data.encoding import CHECKSUM_BYTES, with_checksum
+from lbgc.data.files import ROOT, SHA256_BYTES, names_of, row_arrays, row_files
+from lbgc.data.place import Entry, Place, is_partial
+from lbgc.data.schema import ALWAYS, READ, SCHEMA, VARIABLES
 from lbgc.errors import InputError, require
 from lbgc.outputs import UNSEALED, as_json, fingerprint, is_sealed, seal
 
-ROOT = "zarr.json"
 MANIFEST = "manifest/zarr.json"
 AGAIN = "run the command that generated it again"
 _NO_VARIABLES = {"manifest", "time", "axis"}
-_ARRAY = r"(/zarr\.json|/c(/\d+)*)?"
+_ARRAY = r"(/zarr\.json|/c(/\d+)*|/c(\.\d+)+)?"
 _OWN = re.compile(
     rf"zarr\.json|({'|'.join([*VARIABLES, 'time', 'axis'])}){_ARRAY}"
-    rf"|manifest(/zarr\.json|/(digest|stored){_ARRAY})?"
+    rf"|manifest(/zarr\.json|/(digest|stored|shards){_ARRAY})?"
 )
 """Names of a dataset's own files and directories."""
 Read: TypeAlias = Callable[[str], bytes | None]
@@ -96,8 +97,9 @@ def owner(place: Place) -> str | None:
     claim, manifest = _claim(place), _intact(place)
     if claim is not None:
         identity, schema = claim
-        what = f"has schema {schema}, this version reads {SCHEMA}; generate it again"
-        require(schema == SCHEMA, "data", place, what)
+        read = " and ".join(map(str, READ))
+        what = f"has schema {schema}, this version reads {read}; generate it again"
+        require(schema in READ, "data", place, what)
         return identity
     if manifest is not None:
         return str(manifest.get("identity"))
@@ -113,35 +115,38 @@ def damaged_documents(place: Place, names: Iterable[str]) -> list[str]:
     or was another dataset's."""
     manifest, claim = _intact(place), _claim(place)
     checksums = {} if manifest is None else manifest["documents"]
-    if manifest is None or claim not in (None, (manifest["identity"], SCHEMA)):
+    others = (None, *((manifest["identity"], schema) for schema in READ)) if manifest else ()
+    if manifest is None or claim not in others:
         return [MANIFEST, *names]
     return [n for n in names if checksums.get(n) != sha256(place.read(n) or b"")]
 
 
-def variables(place: Place) -> tuple[str, ...]:
-    """The variables that the dataset here names in its manifest, in the order of VARIABLES; what
-    every dataset has, where that is damaged. Raises InputError where it names others."""
+def contents(place: Place) -> tuple[tuple[str, ...], int]:
+    """The variables that the dataset here names in its manifest, in the order of VARIABLES, and its
+    schema; what a new one has, where that is damaged. Raises InputError where it names others."""
     manifest = _intact(place)
     if manifest is None:
-        return ALWAYS
-    files = (str(name) for name in manifest["documents"])
+        return ALWAYS, SCHEMA
+    files = {str(name) for name in manifest["documents"]}
+    rows = {schema: {f"{name}/{ROOT}" for name in row_arrays(schema)} for schema in READ}
+    schema = next((number for number in READ if rows[number] <= files), SCHEMA)
     named = {n.removesuffix("/zarr.json") for n in files if n.count("/") == 1 and n.endswith(ROOT)}
     unknown = named - VARIABLES.keys() - _NO_VARIABLES
     what = f"has variables that this version does not know ({', '.join(sorted(unknown)[:4])})"
     require(not unknown, "data", place, f"{what}; read it with the version that made it")
-    return tuple(name for name in VARIABLES if name in named)
+    return tuple(name for name in VARIABLES if name in named), schema
 
 
-def shard_files(shard: int, variables: Iterable[str]) -> list[str]:
-    """The files of a shard: one a variable, by name."""
-    return [f"{n}/c/{shard}" + "/0" * (len(VARIABLES[n].dims) - 1) for n in sorted(variables)]
+def documents_of(place: Place) -> tuple[str, ...]:
+    """The files that the dataset here has without recordings, but for the manifest's own."""
+    return names_of(*contents(place))
 
 
 def stored_checksum(
-    identity: str, shard: int, digest: bytes, files: Iterable[str], read: Read
+    identity: str, shard: int, files: Iterable[str], read: Read, digest: bytes = b""
 ) -> bytes:
-    """SHA-256 over whose a shard is, its decoded arrays' digest, and its files, as `read` has
-    them."""
+    """SHA-256 over whose a shard is and its files, as `read` has them. digest : SHA-256 of its
+    decoded arrays, up to schema 4."""
     checksum = hashlib.sha256(f"{identity} {shard} ".encode() + digest)
     for name in files:
         content = read(name)
@@ -151,11 +156,48 @@ def stored_checksum(
     return checksum.digest()
 
 
-def strays(place: Place) -> list[str]:
+def sizes_checksum(sizes: Mapping[str, int]) -> bytes:
+    """SHA-256 over the names and sizes of the files that a shard has, by which a missing one is
+    known from one that was never written."""
+    return hashlib.sha256("".join(f"{n} {sizes[n]} " for n in sorted(sizes)).encode()).digest()
+
+
+class Row(NamedTuple):
+    """What the manifest says of a finished shard."""
+
+    stored: bytes
+    """`stored_checksum` of its files"""
+    sizes: bytes = b""
+    """`sizes_checksum` of them; empty up to schema 4"""
+    digest: bytes = b""
+    """SHA-256 of its decoded arrays, up to schema 4"""
+
+
+def rows(place: Place, entries: Iterable[str], schema: int, shards: int) -> dict[int, Row]:
+    """The rows of all shards that have a whole one. entries : names of the files here."""
+    array = next(iter(row_arrays(schema)))
+    pattern = re.compile(rf"{array}/c[./](\d+)[./]0")
+    numbers = (int(own[1]) for own in map(pattern.fullmatch, entries) if own)
+    named = {shard: row_files(shard, schema) for shard in numbers if shard < shards}
+    sizes = [size for size, _ in row_arrays(schema).values()]
+    found = place.read_all(name for names in named.values() for name in names)
+    told = {}
+    for shard, names in named.items():
+        parts = [found.get(name) or b"" for name in names]
+        if all(len(p) == n + CHECKSUM_BYTES for p, n in zip(parts, sizes, strict=True)) and all(
+            part == with_checksum(part[:-CHECKSUM_BYTES]) for part in parts
+        ):
+            row = b"".join(part[:-CHECKSUM_BYTES] for part in parts)
+            first, second = row[:SHA256_BYTES], row[SHA256_BYTES:]
+            told[shard] = Row(second, digest=first) if schema == 4 else Row(first, sizes=second)
+    return told
+
+
+def strays(entries: Mapping[str, Entry]) -> list[str]:
     """Files that an interrupted run left half-written, and links, which lead elsewhere, in the
     places of a dataset's own files and directories. Whatever else somebody has put here stays."""
     return [
         name
-        for name in place.names()
-        if is_partial(name) or (place.is_link(name) and _OWN.fullmatch(name))
+        for name, entry in sorted(entries.items())
+        if is_partial(name) or (entry.is_link and _OWN.fullmatch(name))
     ]

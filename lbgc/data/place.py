@@ -5,9 +5,10 @@ import fcntl
 import os
 import re
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
@@ -17,7 +18,7 @@ from lbgc.outputs import is_temporary, write_atomically
 
 _PARTIAL = re.compile(
     r"(.+/)?\.(zarr\.json|\d+)\.partial-\d+"  # of versions before this one
-    r"|.+/c/(\d+/)*\d+\.[0-9a-f]+\.partial|(.+/)?zarr\.[0-9a-f]{16,32}\.partial"  # Zarr's
+    r"|.+/c[./](\d+[./])*(\d+\.)?[0-9a-f]+\.partial|(.+/)?zarr\.[0-9a-f]{16,32}\.partial"  # Zarr's
 )
 
 
@@ -25,6 +26,27 @@ def is_partial(name: str) -> bool:
     """Whether a dataset's file is only partly written, by the name that `write_atomically` or Zarr
     gives to such files, and nobody else."""
     return is_temporary(name.rsplit("/", 1)[-1]) or _PARTIAL.fullmatch(name) is not None
+
+
+class Entry(NamedTuple):
+    """A file as a directory tells of it."""
+
+    size: int
+    """Bytes; 0 of what is no plain file"""
+    mark: str = ""
+    """Another one where the file is another, or is written again; empty where none is known"""
+    changed_ns: int = 0
+    """When it was last changed, by the clock of its file system; 0 where the mark alone will do"""
+    is_link: bool = False
+    """Whether it is a symbolic link"""
+
+    @classmethod
+    def of(cls, found: os.stat_result) -> "Entry":
+        """What the operating system says of a file."""
+        mark = f"{found.st_ino} {found.st_mtime_ns} {found.st_ctime_ns}"
+        size = found.st_size if stat.S_ISREG(found.st_mode) else 0
+        changed_ns = max(found.st_mtime_ns, found.st_ctime_ns)
+        return cls(size, mark, changed_ns, stat.S_ISLNK(found.st_mode))
 
 
 class Place:
@@ -63,23 +85,46 @@ class Place:
         """The directory of this name inside this one."""
         return Place(f"{str(self).rstrip('/')}/{name}")
 
+    def entries(self, below: str = "") -> dict[str, Entry]:
+        """All files here, or in a directory here, and below, by name, and links, which are not
+        followed."""
+        if self.local is None:
+            return self._listed(below)
+        found: dict[str, Entry] = {}
+        waiting = [below]
+        while waiting:
+            directory = waiting.pop()
+            try:
+                inside = list(os.scandir(self.local / directory))
+            except (FileNotFoundError, NotADirectoryError):
+                continue
+            for own in inside:
+                name = f"{directory}/{own.name}" if directory else own.name
+                if own.is_dir(follow_symlinks=False):
+                    waiting.append(name)
+                    continue
+                with suppress(FileNotFoundError):  # another process has just removed it
+                    found[name] = Entry.of(own.stat(follow_symlinks=False))
+        return found
+
+    def _listed(self, below: str) -> dict[str, Entry]:
+        """All files behind a URL, by name."""
+        prefix = self._root.rstrip("/") + "/"
+        with self._reached():
+            self._files.invalidate_cache()  # other processes write here too
+            try:
+                found = self._files.find((prefix + below).rstrip("/"), detail=True)
+            except FileNotFoundError:
+                return {}
+        return {
+            path.removeprefix(prefix): Entry(int(said.get("size") or 0), str(said.get("ETag", "")))
+            for path, said in found.items()
+        }
+
     def names(self, below: str = "") -> list[str]:
         """The names of all files here, or in a directory here, and below, in order, and of links,
         which are not followed."""
-        if self.local is None:
-            prefix = self._root.rstrip("/") + "/"
-            where = (prefix + below).rstrip("/")
-            with self._reached():
-                try:
-                    return sorted(path.removeprefix(prefix) for path in self._files.find(where))
-                except FileNotFoundError:
-                    return []
-        found = []
-        for directory, inside, files in os.walk(self.local / below, onerror=_unreadable):
-            own = Path(directory)
-            links = [d for d in inside if (own / d).is_symlink()]
-            found += [(own / f).relative_to(self.local).as_posix() for f in (*files, *links)]
-        return sorted(found)
+        return sorted(self.entries(below))
 
     def is_link(self, name: str) -> bool:
         """Whether a name is that of a symbolic link in a local directory."""
@@ -113,19 +158,43 @@ class Place:
             except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
                 return None
 
+    def read_all(self, names: Iterable[str]) -> dict[str, bytes]:
+        """The contents of those of these files that there are, by name; behind a URL, many at
+        once."""
+        if self.local is not None:
+            contents = ((name, self.read(name)) for name in names)
+            return {name: content for name, content in contents if content is not None}
+        paths = {f"{self._root}/{name}": name for name in names}
+        with self._reached():
+            found = self._files.cat(list(paths), on_error="return") if paths else {}
+        missing = FileNotFoundError | NotADirectoryError | IsADirectoryError
+        for failed in (f for f in found.values() if isinstance(f, Exception)):
+            if not isinstance(failed, missing):
+                with self._reached():
+                    raise failed
+        return {paths[p]: bytes(c) for p, c in found.items() if not isinstance(c, Exception)}
+
     def write(self, name: str, content: bytes) -> None:
         """Write a file completely or, where that fails locally, not at all. No link inside this
         directory is followed; one in the file's place is replaced."""
-        if self.local is not None:
+        self.write_all({name: content})
+
+    def write_all(self, files: Mapping[str, bytes]) -> None:
+        """Write some files (name -> content), each as `write` does; behind a URL, many at once."""
+        if self.local is None:
+            with self._reached():
+                self._files.pipe({f"{self._root}/{n}": content for n, content in files.items()})
+            return
+        for name, content in files.items():
             path = self.local / name
             for above in Path(name).parents:
                 if self.is_link(above.as_posix()) and above.name:
                     raise OSError(f"{above} is a link, which leads elsewhere")
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, content, promised=False)
-            return
-        with self._reached():
-            self._files.pipe_file(f"{self._root}/{name}", content)
+            try:
+                write_atomically(path, content, promised=False)
+            except FileNotFoundError:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomically(path, content, promised=False)
 
     def remove(self, name: str) -> None:
         """Remove a file, or a link but not its target, if it is there."""
@@ -194,12 +263,6 @@ class Place:
             yield
         finally:
             os.close(directory)
-
-
-def _unreadable(error: OSError) -> None:
-    """Raise what os.walk met, except where nothing is there."""
-    if not isinstance(error, FileNotFoundError | NotADirectoryError):
-        raise error
 
 
 @contextmanager

@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 from lbgc.protocol import STAGES
 
-SCHEMA = 4
+SCHEMA = 5
 """Changes whenever the same configuration would give other bytes, or a reader would be misled."""
+READ = (4, 5)
+"""The schemas that are read; only the last is written. Up to 4 a shard had a file of every variable
+and two of its row in the manifest, and names had directories where they have dots now."""
 
 SPLITS = ("train", "validation", "test")
 

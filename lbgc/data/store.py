@@ -8,23 +8,24 @@ files being there, since a missing shard would read silently as zeros.
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import zarr
-from tqdm import tqdm
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
 from lbgc import machine
 from lbgc.data import codec, configuration, manifest
-from lbgc.data.documents import Layout, documents, names_of
-from lbgc.data.encoding import encoded, with_checksum
+from lbgc.data.documents import Layout, documents
+from lbgc.data.encoding import encoded, is_zero, with_checksum
+from lbgc.data.files import ROOT, names_of, row_files
 from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
-from lbgc.data.schema import RECORDED, SCHEMA, SPLITS, VARIABLES
+from lbgc.data.remembered import Remembered
+from lbgc.data.schema import READ, RECORDED, SCHEMA, SPLITS, VARIABLES
+from lbgc.data.verification import State, remember, state
 from lbgc.data.vetting import check_values, layout_of
 from lbgc.errors import InputError, reading, require
 from lbgc.outputs import fingerprint, shown
@@ -48,8 +49,12 @@ def create(
     """
     place = Place(path)
     identity = fingerprint({"schema": SCHEMA, **content})
+    owner = manifest.owner(place)
+    older = owner in [fingerprint({"schema": schema, **content}) for schema in READ[:-1]]
+    what = "holds this dataset as an earlier version wrote it, which is read and not gone on with"
+    require(not older, "out", path, f"{what}; choose another path")
     what = "holds a dataset of another configuration; choose another path"
-    require(manifest.owner(place) in (None, identity), "out", path, what)
+    require(owner in (None, identity), "out", path, what)
     with writing(place):
         remove_strays(place)
         damaged = manifest.damaged_documents(place, layout.documents)
@@ -74,7 +79,7 @@ def create(
 
 def remove_strays(place: Place) -> None:
     """Take away what a run (or a worker of it) that was killed has left half-written."""
-    for name in manifest.strays(place):
+    for name in manifest.strays(place.entries()):
         place.remove(name)
 
 
@@ -82,7 +87,7 @@ def find(path: str | Path) -> Place:
     """Where the dataset is: here, or in `dataset.zarr` below. Raises InputError where none is."""
     place = Place(path)
     for candidate in (place, place.inside("dataset.zarr")):
-        if candidate.read(manifest.ROOT) is not None or candidate.read(manifest.MANIFEST):
+        if candidate.read(ROOT) is not None or candidate.read(manifest.MANIFEST):
             require(manifest.owner(candidate) is not None, "data", path, manifest.NONE)
             return candidate
     raise InputError("data", path, "", manifest.NONE)
@@ -108,7 +113,7 @@ def _group(place: Place, mode: Literal["r", "r+"]) -> zarr.Group:
 
 def damaged_documents(place: Place) -> list[str]:
     """The documents of a dataset that are not what its manifest says."""
-    return manifest.damaged_documents(place, names_of(manifest.variables(place)))
+    return manifest.damaged_documents(place, manifest.documents_of(place))
 
 
 def _digest(arrays: Iterable[tuple[str, np.ndarray]]) -> bytes:
@@ -161,9 +166,10 @@ class Dataset:
         damaged = damaged_documents(place)
         require(not damaged, "data", place, f"is damaged ({some(damaged)}); {manifest.AGAIN}")
         with reading("data", place, "is no dataset of this version"):
-            named = manifest.variables(place)
-            layout = layout_of({n: place.read(n) or b"" for n in names_of(named)}, named)
-            require(manifest.is_named(place), manifest.ROOT, place, "has no configuration")
+            named, schema = manifest.contents(place)
+            found = place.read_all(names_of(named, schema))
+            layout = layout_of(found, named, schema)
+            require(manifest.is_named(place), ROOT, place, "has no configuration")
             return cls(place, _group(place, "r"), layout)
 
     @classmethod
@@ -176,17 +182,14 @@ class Dataset:
         dataset = cls.open(path)
         one = _A_SAMPLE * dataset.layout.samples
         machine.require_memory("data", path, one, "a recording as long as it says")
-        missing, damaged = dataset.missing_shards(), dataset.damaged_shards()
-        left = manifest.strays(dataset.place)
-        wrong = []
-        if missing:
-            wrong.append(
-                f"is not finished: {len(missing)} of {dataset.layout.shards} shards are missing"
-            )
-        if damaged:
-            wrong.append(f"is damaged: shards {some(damaged)} are not as they were written")
-        if left:
-            wrong.append(f"holds what an interrupted run left ({some(left)})")
+        state, wrong = dataset.state(), []
+        if state.missing:
+            what = f"{len(state.missing)} of {dataset.layout.shards} shards are missing"
+            wrong.append(f"is not finished: {what}")
+        if state.damaged:
+            wrong.append(f"is damaged: shards {some(state.damaged)} are not as they were written")
+        if state.strays:
+            wrong.append(f"holds what an interrupted run left ({some(state.strays)})")
         require(not wrong, "data", path, f"{', and '.join(wrong)}; {manifest.AGAIN}")
         return dataset
 
@@ -227,8 +230,12 @@ class Dataset:
 
     def _read(self, name: str, first: int, end: int) -> np.ndarray:
         """Rows of a variable. Raises InputError where they cannot be decoded."""
-        with reading("data", self.place, f"is damaged: {name}"):
-            return np.asarray(self._array(name)[first:end])
+        try:
+            with reading("data", self.place, f"is damaged: {name}"):
+                return np.asarray(self._array(name)[first:end])
+        except InputError:
+            Remembered(self.place, self.identity).forget()
+            raise
 
     def __len__(self) -> int:
         return self.layout.recordings
@@ -245,50 +252,14 @@ class Dataset:
         with reading("data", self.place, "holds what no generation writes"):
             check_values(name, values, self.layout.recordings)
 
-    def _manifest(self, name: str) -> np.ndarray:
-        """A SHA-256 for each shard, (shards, 32); zeros where there is none that can be read."""
-        array, there = self._array(f"manifest/{name}"), self._named(name)
-        try:
-            if 2 * len(there) > self.layout.shards:
-                return np.asarray(array[:])
-        except OSError:  # nothing is known of what cannot be read
-            raise
-        except Exception:  # whatever its decoders say of what is damaged
-            pass
-        rows = np.zeros(array.shape, np.uint8)
-        for shard in there:
-            with suppress(Exception):
-                rows[shard] = array[shard]
-        return rows
+    def state(self) -> State:
+        """Which shards are missing or damaged; reads those that were not found whole before, on
+        this machine and as they are now."""
+        return state(self.place, self.identity, self.layout)
 
-    def _named(self, name: str) -> list[int]:
-        """Shards that have a row's file in the manifest, however many a dataset says it has."""
-        files = (Path(file).parts for file in self.place.names(f"manifest/{name}/c"))
-        numbers = (int(file[3]) for file in files if len(file) > 3 and file[3].isdecimal())
-        return [shard for shard in numbers if shard < self.layout.shards]
-
-    def missing_shards(self) -> list[int]:
-        """Shards which the manifest does not name."""
-        if not self._named("digest"):
-            return list(range(self.layout.shards))
-        named = self._manifest("digest").any(axis=1) & self._manifest("stored").any(axis=1)
-        return np.flatnonzero(~named).tolist()
-
-    def damaged_shards(self) -> list[int]:
-        """Shards which the manifest names, and whose files are not what it says; reads them all."""
-        digests, stored = self._manifest("digest"), self._manifest("stored")
-        named = np.flatnonzero(digests.any(axis=1) & stored.any(axis=1)).tolist()
-        checked = tqdm(named, "checking", unit="shard", leave=False, delay=1)
-        return [s for s in checked if self._stored(s, digests[s]) != stored[s].tobytes()]
-
-    def unfinished_shards(self) -> list[int]:
-        """What generation has to do, or to do again."""
-        return sorted(self.missing_shards() + self.damaged_shards())
-
-    def _stored(self, shard: int, digest: np.ndarray) -> bytes:
-        files = manifest.shard_files(shard, self.layout.variables)
-        own = digest.tobytes()
-        return manifest.stored_checksum(self.identity, shard, own, files, self.place.read)
+    def remember(self) -> None:
+        """Take for whole what has just been written here, by this program and in its own place."""
+        remember(self.place, self.identity, self.layout)
 
     def write_shard(self, shard: int, batch: Mapping[str, np.ndarray]) -> None:
         """Write all variables of a shard's recordings, then its checksums.
@@ -301,19 +272,23 @@ class Dataset:
         layout, files = self.layout, {}
         missing = set(layout.variables) ^ set(batch)
         assert not missing, f"a shard holds every variable and no other: {missing}"
-        names = manifest.shard_files(shard, layout.variables)
+        assert layout.schema == SCHEMA, "an earlier version's datasets are only read"
+        names = layout.files(shard)
         values = {n: v.astype(layout.dtype(n), copy=False) for n, v in batch.items()}
         for name, file in zip(sorted(layout.variables), names, strict=True):
             by_axis = VARIABLES[name].dims == RECORDED
             stored = values[name].swapaxes(1, 2) if by_axis else values[name]
-            files[file] = encoded(stored, layout.chunk(name), layout.shard)
-        digest = _digest(values.items())
-        stored_is = manifest.stored_checksum(self.identity, shard, digest, names, files.get)
+            if not is_zero(stored):
+                how = layout.compression(name)
+                files[file] = encoded(stored, layout.chunk(name), layout.shard, how)
+        stored_is = manifest.stored_checksum(self.identity, shard, names, files.get)
+        sizes = manifest.sizes_checksum({name: len(content) for name, content in files.items()})
+        (row,) = row_files(shard)
         with writing(self.place):
-            for file, content in files.items():
-                self.place.write(file, content)
-            for name, checksum in (("digest", digest), ("stored", stored_is)):
-                self.place.write(f"manifest/{name}/c/{shard}/0", with_checksum(checksum))
+            for stale in (name for name in names if name not in files):
+                self.place.remove(stale)
+            self.place.write_all(files)
+            self.place.write(row, with_checksum(stored_is + sizes))
 
     def _shard_digest(self, shard: int) -> bytes:
         """SHA-256 over the shard's decoded arrays, read from the store."""

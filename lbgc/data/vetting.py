@@ -8,34 +8,38 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.data.documents import ROOT, Layout
+from lbgc.data.documents import Layout
+from lbgc.data.files import ROOT, names_of, row_arrays, separator
 from lbgc.data.schema import ALWAYS, VARIABLES
 
 _CODECS = {"transpose", "bytes", "blosc", "crc32c", "sharding_indexed"}
 MOST_RECORDINGS, MOST_SAMPLES, MOST_SHARDS = 10**9, 10**8, 4 * 10**6
 _LARGEST = 1e30
 """Size beyond which nothing is measured or drawn, in any unit of a dataset."""
+_KEYS = "chunk_key_encoding"
 _ANGLES = ("heading", "heading_reference", "roll", "pitch", "base_azimuth")
-_KEYS = {"name": "default", "configuration": {"separator": "/"}}
 
 
-def layout_of(documents: Mapping[str, bytes], variables: Iterable[str]) -> Layout:
-    """The dataset's shape, by its documents (name -> content).
+def layout_of(documents: Mapping[str, bytes], variables: Iterable[str], schema: int) -> Layout:
+    """The dataset's shape, by its documents (name -> content), of this schema's names.
 
     Raises ValueError, saying which is not as it must be.
     """
-    said = {n: _object(n, c) for n, c in documents.items() if n.endswith("zarr.json")}
-    layout = _layout(said, variables)
-    rows = {"shape": [layout.shards, 32], "data_type": "uint8"}
-    for name in ("digest", "stored"):
-        _check_array(f"manifest/{name}", said, rows, [1, 32], [1, 32])
+    names = (n for n in names_of(variables, schema) if n.endswith(ROOT))
+    said = {name: _object(name, documents.get(name, b"")) for name in names}
+    layout = _layout(said, variables, schema)
+    keys = {"name": "default", "configuration": {"separator": separator(schema)}}
+    for name, (size, _) in row_arrays(schema).items():
+        rows = {"shape": [layout.shards, size], "data_type": "uint8", _KEYS: keys}
+        _check_array(name, said, rows, [1, size], [1, size])
     sizes = {"recording": layout.recordings, "time": layout.samples, "axis": 3, "axis_in": 3}
     for name in layout.variables:
         variable = VARIABLES[name]
         shape = tuple(sizes[d] for d in variable.dims)
         kind = str(layout.dtype(name))
         shard, chunk = (layout.shard, *shape[1:]), (layout.chunk(name), *shape[1:])
-        stored = {"shape": list(shape), "data_type": kind, "dimension_names": list(variable.dims)}
+        stored = {"shape": list(shape), "data_type": kind, "dimension_names": list(variable.dims),
+                  _KEYS: keys}  # fmt: skip
         _check_array(name, said, stored, list(shard), list(chunk))
     return layout
 
@@ -76,7 +80,7 @@ def _attributes(document: dict[str, Any]) -> dict[str, Any]:
     return attributes if isinstance(attributes, dict) else {}
 
 
-def _layout(said: Mapping[str, dict[str, Any]], variables: Iterable[str]) -> Layout:
+def _layout(said: Mapping[str, dict[str, Any]], variables: Iterable[str], schema: int) -> Layout:
     """The layout, from the root's rate and the shape and scale of gyro and accel."""
     rate: Any = _attributes(said[ROOT]).get("rate_hz")
     _require(_is_number(rate) and 0 < rate < math.inf, ROOT, "rate_hz", rate)
@@ -93,7 +97,7 @@ def _layout(said: Mapping[str, dict[str, Any]], variables: Iterable[str]) -> Lay
         scales[name] = None if scale is None else float(scale)
     missing = set(ALWAYS) - set(variables)
     _require(not missing, ROOT, "variables", f"all but {sorted(missing)}")
-    layout = Layout(shape[0], shape[1], float(rate), scales, tuple(variables))
+    layout = Layout(shape[0], shape[1], float(rate), scales, tuple(variables), schema)
     _require(layout.shards <= MOST_SHARDS, "gyro", "shape", shape)
     return layout
 
@@ -108,8 +112,7 @@ def _check_array(
     """shard : of what lies in one file; chunk : of what is compressed together."""
     said = documents[f"{name}/zarr.json"]
     files = {"name": "regular", "configuration": {"chunk_shape": shard}}
-    expected = {**expected, "node_type": "array", "fill_value": 0, "chunk_grid": files,
-                "chunk_key_encoding": _KEYS}  # fmt: skip
+    expected = {**expected, "node_type": "array", "fill_value": 0, "chunk_grid": files}
     for key, value in expected.items():
         _require(said.get(key) == value, name, key, said.get(key))
     _require(not said.get("storage_transformers"), name, "storage_transformers", "given")

@@ -52,7 +52,7 @@ CASES = cases("faults")
 
 
 def first_shard(out: Path) -> bool:
-    return any((out / "manifest/stored/c").glob("*/0"))
+    return any((out / "manifest/shards").glob("c.*"))
 
 
 def digests(report: Report, home: Path) -> None:
@@ -142,7 +142,7 @@ def kills(report: Report, home: Path) -> None:
             if not in_time:
                 continue  # it had finished already
             dataset = Dataset.open(out)
-            left.append(len(dataset.missing_shards()) / dataset.layout.shards)
+            left.append(len(dataset.state().missing) / dataset.layout.shards)
             sim.generate.main(replace(ways["serial"], out=str(out)))
             different += Dataset.open_finished(out).digest() != digest
             done += 1
