@@ -4,12 +4,15 @@ A task is a whole shard, which depends on the configuration and its own number a
 worker makes it, and however often, the bytes are the same. Shards of a lost worker are made again.
 """
 
+import logging
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import set_start_method
+from typing import Any
 
 from lbgc import cores, processes
 from lbgc.errors import InputError, require, require_choice
@@ -109,17 +112,51 @@ def _start_worker() -> None:
 def _by_dask(address: str, task: Callable[[int], object], shards: Sequence[int]) -> Iterator[int]:
     """Run the tasks on the dask cluster of the scheduler at this address."""
     try:
-        from distributed import Client, as_completed
+        from distributed import Client, KilledWorker
     except ImportError as error:
         what = "needs dask: pip install 'lbgc[dask]'"
         raise InputError("cluster", "dask", "", what) from error
+    for name in list(logging.root.manager.loggerDict):  # each has a level of its own
+        if name.startswith("distributed"):  # what is lost is said below, in one line
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError) as error:
         what = f"no dask scheduler answers ({error})"
         raise InputError("cluster.address", address, "", what) from error
-    with client:
-        futures = dict(zip(client.map(task, shards, pure=False, retries=2), shards, strict=True))
-        for future in as_completed(futures):
+    again = "what is finished stays good: run the same command again to go on"
+    try:
+        with client:
+            yield from _handed_out(client, address, task, shards)
+    except KilledWorker as error:
+        what = f"its workers keep being killed: is there memory enough? {again}"
+        raise InputError("cluster.address", address, "", what) from error
+    except (CancelledError, OSError) as error:
+        raise InputError(
+            "cluster.address", address, "", f"its scheduler is gone; {again}"
+        ) from error
+
+
+def _handed_out(
+    client: Any, address: str, task: Callable[[int], object], shards: Sequence[int]
+) -> Iterator[int]:
+    """Run the tasks on dask, some ahead for each thread of the workers that there are by then. A
+    scheduler keeps half a kilobyte and more of each task that it knows."""
+    from distributed import as_completed
+
+    waiting, begun, done = iter(shards), dict[Any, int](), as_completed()
+    while True:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            print(f"the scheduler at {address} has no workers yet: waiting", file=sys.stderr)
+        ahead = _AHEAD * max(1, threads)
+        for shard in islice(waiting, ahead - len(begun)):
+            future = client.submit(task, shard, pure=False, retries=_LOSSES - 1)
+            begun[future] = shard
+            done.add(future)
+        if not begun:
+            return
+        for _ in range(max(1, len(begun) - ahead // 2)):
+            future = next(done)
             future.result()
-            yield futures[future]
+            yield begun.pop(future)

@@ -12,7 +12,8 @@ from pathlib import Path
 
 @contextmanager
 def running(home: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen]]]:
-    """The scheduler's address, and the workers' processes; all ended afterwards.
+    """The scheduler's address, and the processes of the workers and, last, its own; all ended
+    afterwards.
 
     home : of what they say and of the scheduler's file, which holds its address.
     """
@@ -37,7 +38,7 @@ def running(home: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Pop
                 "worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "30"
             )
         address = next(p for p in told.read_text().split('"') if p.startswith("tcp://"))
-        yield address, started[1:]
+        yield address, [*started[1:], scheduler]
     finally:
         for process in reversed(started):
             process.send_signal(signal.SIGKILL)

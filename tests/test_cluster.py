@@ -4,6 +4,7 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from dask_cluster import running
 from helpers import ROOT, generate
 
 from lbgc.data.store import Dataset
+from sim import cluster
 
 SIZE = {"rate_hz": 25.0, "duration_s": 200.0}
 ASKED = ("rate_hz=25", "duration_s=200", "recordings=18", "out=d.zarr")
@@ -49,6 +51,65 @@ def test_dask_with_a_worker_killed_midway_gives_the_same_digest(cli, serial, tmp
         assert workers[0].wait(timeout=10) != 0
         assert workers[1].poll() is None
     assert Dataset.open_finished(tmp_path / "d.zarr").digest() == serial
+
+
+@pytest.mark.filterwarnings("ignore")  # dask's own
+def test_a_scheduler_killed_midway_is_said_in_one_line_and_gone_on_with(cli, serial, tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra dask")
+    first = tmp_path / "d.zarr/manifest/shards"
+    with running(tmp_path, workers=1) as (address, processes):
+        command = [sys.executable, str(ROOT / "sim/generate.py"), *ASKED, "recordings=4800",
+                   "cluster=dask", f"cluster.address={address}"]  # fmt: skip
+        made = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+        while not list(first.glob("c.*")):
+            assert made.poll() is None
+            time.sleep(0.01)
+        processes[-1].kill()
+        said = made.communicate(timeout=30)[1].splitlines()
+    assert made.returncode == 2
+    assert [line for line in said if line and "rec/s" not in line] == [
+        f"error: cluster.address = {address}: its scheduler is gone; what is finished stays good: "
+        "run the same command again to go on"
+    ]
+    assert Dataset.open(tmp_path / "d.zarr").state().damaged == []
+
+
+class Everywhere:
+    """A client of a cluster with so many threads, whose tasks are done when they are asked for."""
+
+    def __init__(self, threads: int):
+        self.threads, self.most, self.out = threads, 0, 0
+
+    def nthreads(self) -> dict[str, int]:
+        return {"one": self.threads}
+
+    def submit(self, task, shard, **_):
+        self.out += 1
+        self.most = max(self.most, self.out)
+        return type("Done", (), {"result": lambda _: self._done(), "__hash__": lambda _: shard})()
+
+    def _done(self) -> None:
+        self.out -= 1
+
+
+@pytest.mark.parametrize("threads", [0, 1, 16])
+def test_dask_is_handed_some_tasks_at_a_time(threads, monkeypatch, capsys):
+    distributed = pytest.importorskip("distributed", reason="needs the extra dask")
+
+    class Completed(list):
+        add = list.append
+
+        def __next__(self):
+            return self.pop(0)
+
+    monkeypatch.setattr(distributed, "as_completed", Completed)
+    client, shards = Everywhere(threads), range(10**6)
+    found = islice(cluster._handed_out(client, "tcp://x:1", print, shards), 1000)
+    assert list(found) == list(range(1000))
+    assert client.most <= 4 * max(1, threads)
+    assert ("has no workers yet: waiting" in capsys.readouterr().err) == (threads == 0)
+    few = cluster._handed_out(Everywhere(threads), "tcp://x:1", print, range(5))
+    assert sorted(few) == list(range(5))
 
 
 def test_a_sweep_through_submitit_makes_what_it_makes_here(tmp_path):

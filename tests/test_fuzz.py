@@ -62,6 +62,13 @@ def test_whatever_was_done_to_a_file_it_is_refused_or_answered_rightly(kind, ben
     check()
 
 
+@pytest.mark.parametrize("at", [0.4131452897267982, 0.42972089118796497])
+def test_what_a_parquet_file_says_of_a_columns_sizes_is_not_asked_for(at, benches):
+    """Arrow ended the process where one bit of that was flipped (two files of the study)."""
+    assert tried(benches["parquet"], "log.parquet", [("flip", at, 497208953)])
+    assert tried(benches["parquet"], "log.parquet", [("flip", at, 275737036)])
+
+
 @pytest.mark.parametrize("kind", ["recordings", "checkpoint", "model", "store payload"])
 @pytest.mark.parametrize("planted", PLANTS)
 def test_what_is_no_file_is_refused_and_no_link_is_followed(kind, planted, benches):

@@ -16,6 +16,8 @@ Table: TypeAlias = pa.Table
 
 LARGEST = 4 * 2**30
 """Size of the largest file that is read, bytes, and of the largest that one unfolds to."""
+_TOGETHER = 2**18
+"""Rows that are unfolded at once."""
 _LONGEST = 1000
 """Bytes of the longest text in a cell."""
 _KINDS = {"number": pa.float64(), "stamp": pa.int64()}
@@ -25,22 +27,27 @@ def read_parquet(path: Path, key: str) -> Table:
     """Read a whole Parquet file. Raises InputError, naming it by `key`, where it cannot be read."""
     with reading(key, path), pa.OSFile(str(path)) as file:
         opened = pa.parquet.ParquetFile(file)
-        _require_room(opened.metadata, path, key)
+        told = opened.metadata
+        _require_room(8 * told.num_rows * told.num_columns, path, key)
         kinds = opened.schema_arrow
         texts = [name for name in kinds.names if _is_text(kinds.field(name).type)]
         file.seek(0)  # text that stands there many times is kept once
-        table = pa.parquet.ParquetFile(file, read_dictionary=texts).read()
+        opened = pa.parquet.ParquetFile(file, read_dictionary=texts)
+        batches, unfolded = [], 0
+        for batch in opened.iter_batches(_TOGETHER):
+            batches.append(batch)
+            unfolded += max(batch.nbytes, 8 * batch.num_rows * batch.num_columns)
+            _require_room(unfolded, path, key)
+        table = pa.Table.from_batches(batches, batches[0].schema if batches else kinds)
         _ = table.column_names  # names are decoded here, where a failure is reported
         return table
 
 
-def _require_room(told: pa.parquet.FileMetaData, path: Path, key: str) -> None:
-    """Raise InputError where a file unfolds to more values than are read, or than this machine has
-    memory for: a few kilobytes may hold any number of equal ones."""
-    groups = [told.row_group(at) for at in range(told.num_row_groups)]
-    values = sum(group.column(at).num_values for group in groups for at in range(told.num_columns))
-    values = max(values, told.num_rows * told.num_columns)
-    unfolded = 8 * values + sum(group.total_byte_size for group in groups)
+def _require_room(unfolded: int, path: Path, key: str) -> None:
+    """Raise InputError where a file unfolds to more bytes than are read, or than this machine has
+    memory for: a few kilobytes may hold any number of equal values, and claim any other. What a
+    file says of its columns one by one is not asked for: Arrow ends the process where that is
+    damaged."""
     require(unfolded <= LARGEST, key, path, f"unfolds to {unfolded} bytes, and {LARGEST} are the "
             "most")  # fmt: skip
     machine.require_memory(key, path, 3.0 * unfolded, "the table that it unfolds to")
