@@ -154,6 +154,7 @@ class Dataset:
     def __init__(self, place: Place, group: zarr.Group, layout: Layout):
         self.place, self._group, self.layout = place, group, layout
         self._checked = False
+        self._arrays: dict[str, zarr.Array[Any]] = {}
 
     @classmethod
     def open(cls, path: str | Path) -> "Dataset":
@@ -223,10 +224,12 @@ class Dataset:
         return self.layout.rate_hz
 
     def _array(self, name: str) -> zarr.Array[Any]:
-        with reading("data", self.place, f"is damaged: {name}"):
-            array = self._group[name]
-            assert isinstance(array, zarr.Array)
-            return array
+        if name not in self._arrays:  # Zarr takes two milliseconds
+            with reading("data", self.place, f"is damaged: {name}"):
+                array = self._group[name]
+                assert isinstance(array, zarr.Array)
+                self._arrays[name] = array
+        return self._arrays[name]
 
     def _read(self, name: str, first: int, end: int) -> np.ndarray:
         """Rows of a variable. Raises InputError where they cannot be decoded."""
