@@ -1,6 +1,6 @@
 """The names of a dataset's files, by its schema."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 
 from lbgc.data.schema import SCHEMA, VARIABLES
 
@@ -33,6 +33,13 @@ def shard_files(shard: int, variables: Iterable[str], schema: int = SCHEMA) -> l
     all values are zero, which is what Zarr reads where there is no file."""
     others = {name: (0,) * (len(VARIABLES[name].dims) - 1) for name in variables}
     return [file_of(n, shard, *others[n], schema=schema) for n in sorted(others)]
+
+
+def shard_of(file: str, variables: Container[str]) -> int | None:
+    """The shard whose file this is, one of these variables'; None where it is no shard's."""
+    array, _, indices = file.partition("/c.")
+    first = indices.partition(".")[0]
+    return int(first) if array in variables and first.isdecimal() else None
 
 
 def row_arrays(schema: int = SCHEMA) -> dict[str, tuple[int, str]]:
