@@ -38,9 +38,9 @@ def names(wheel: Path) -> set[str]:
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     """A copy of the checkout: setuptools leaves traces in what it builds."""
-    required = re.search(r"setuptools>=(\d+)", (ROOT / "pyproject.toml").read_text())
+    required = re.search(r"setuptools==([\d.]+)", (ROOT / "pyproject.toml").read_text())
     try:
-        good = int(version("setuptools").split(".")[0]) >= int(required[1])
+        good = version("setuptools") == required[1]
     except PackageNotFoundError:
         good = False
     if not good:
