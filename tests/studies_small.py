@@ -9,7 +9,10 @@ from helpers import ROOT, ran_small
 
 STUDIES = ROOT / "tests/studies"
 SMALL = yaml.safe_load((STUDIES / "small.yaml").read_text())
-_HELPERS = {"common", "scoring", "swaying", "vehicle_likeness"}
+_HELPERS = {
+    *("common", "scoring", "swaying", "vehicle_likeness"),
+    *("transactional_harm", "transactional_stores"),
+}
 _NAMES = {path.stem for path in STUDIES.glob("*.py")} - _HELPERS
 if find_spec("distributed") is None:  # an extra
     _NAMES.discard("million")
