@@ -7,7 +7,7 @@ __package__ = __package__ or "sim"  # it has none where it runs as a script (PEP
 
 import sys
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -102,7 +102,21 @@ def _generate(config: GenerateConfig, place: Place, layout: store.Layout) -> Non
 
 def make_shard(config: GenerateConfig, path: str, shard: int) -> None:
     """Make one shard of a dataset that was begun at this path, as a worker's task."""
-    _make(config, store.Dataset.open(path), shard, int)
+    _make(config, _opened(path, _identity(config)), shard, int)
+
+
+@lru_cache(maxsize=4)
+def _opened(path: str, identity: str) -> store.Dataset:
+    """The dataset of this identity at this path. A worker opens it once and not for each shard: it
+    has sixty documents, each a request where it lies behind a URL."""
+    dataset = store.Dataset.open(path)
+    require(dataset.identity == identity, "out", path, "holds a dataset of another configuration")
+    return dataset
+
+
+def _identity(config: GenerateConfig) -> str:
+    """The identity of a configuration's dataset."""
+    return fingerprint({"schema": SCHEMA, **config.content()})
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -127,8 +141,7 @@ def _out(config: GenerateConfig) -> Path | str:
     """The dataset's path or URL: the configured one, or one in the task's output directory. Raises
     InputError where that is a file."""
     if config.out is None:
-        identity = fingerprint({"schema": SCHEMA, **config.content()})
-        return task_directory("generate", identity) / "dataset.zarr"
+        return task_directory("generate", _identity(config)) / "dataset.zarr"
     path = Place(config.out).local
     if path is not None:
         require(not path.is_file(), "out", path, "is a file; a dataset is a directory")

@@ -20,6 +20,7 @@ os.environ["XDG_CACHE_HOME"] = os.path.join(tempfile.gettempdir(), f"lbgc-tests-
 import numpy as np
 import pytest
 from helpers import composed, default_config, generate
+from hypothesis import settings
 
 import lbgc.bound
 import lbgc.calibrate
@@ -50,6 +51,8 @@ ENTRY_POINTS = {
     "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),
 }
 
+settings.register_profile("lbgc", deadline=None)  # a busy machine takes its time
+settings.load_profile("lbgc")
 
 FIRST = (
     *("test_readme", "test_swaying", "test_studies", "test_studies_learning", "test_contributing"),

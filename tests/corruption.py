@@ -41,9 +41,11 @@ def delete(path: Path, rng: np.random.Generator) -> str:
 
 def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
     """Damage the recorded data, in the chunks themselves where there is an index too."""
-    name = one_of(rng, shard_files(int(rng.integers(shards)), ALWAYS))
+    every = shard_files(int(rng.integers(shards)), ALWAYS)
+    there = [name for name in every if (store / name).exists()]
+    name = one_of(rng, there)
     path = store / name
-    way = int(rng.integers(5))
+    way = int(rng.integers(6))
     if way == 0:
         whole = path.with_suffix(".0123456789abcdef.partial")
         whole.write_bytes(path.read_bytes()[: int(rng.integers(path.stat().st_size))])
@@ -51,16 +53,21 @@ def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -
     if way == 1:
         shard = name.split(".")[1]
         for each in shard_files(int(shard), ALWAYS):
-            (store / each).unlink()
+            (store / each).unlink(missing_ok=True)
         return f"shard {shard} deleted"
     if way == 2:
         return truncate(path, rng)
+    if way == 3:
+        planted = one_of(rng, sorted({*every} - {*there}))
+        shutil.copy(path, store / planted)
+        return f"{planted} is there, which is zero and has no file"
     return flip(path, rng)
 
 
 def index(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -> str:
     """Damage the index at the end of a file of several chunks."""
-    path = store / f"{one_of(rng, list(SHARDED))}/c.{int(rng.integers(shards))}.0.0"
+    names = [f"{name}/c.{int(rng.integers(shards))}.0.0" for name in SHARDED]
+    path = store / one_of(rng, [name for name in names if (store / name).exists()])
     return flip(path, rng, first=path.stat().st_size - (16 * 16 + 4))
 
 

@@ -118,7 +118,9 @@ def damaged_documents(place: Place, names: Iterable[str]) -> list[str]:
     others = (None, *((manifest["identity"], schema) for schema in READ)) if manifest else ()
     if manifest is None or claim not in others:
         return [MANIFEST, *names]
-    return [n for n in names if checksums.get(n) != sha256(place.read(n) or b"")]
+    names = list(names)
+    found = place.read_all(names)
+    return [n for n in names if checksums.get(n) != sha256(found.get(n, b""))]
 
 
 def contents(place: Place) -> tuple[tuple[str, ...], int]:

@@ -113,7 +113,8 @@ def compose(said: Mapping[str, Any], weights: bytes) -> bytes:
 
 
 def parse(content: bytes, name: str, where: object) -> dict[str, Any]:
-    """The keys of `model.json`, format and checksums included, from its content.
+    """The keys of `model.json`, format and checksums included, from its content; what it does not
+    say of its network is as the network's kinds are by default.
 
     Raises InputError, naming the parameter `name`, where it is of another format or damaged.
     where : the file as an error names it.
@@ -127,14 +128,13 @@ def parse(content: bytes, name: str, where: object) -> dict[str, Any]:
         own = _OWN.search(content.decode())
         if own is None or not is_sealed(content, own[1]):
             raise ValueError("its description is not as it was written")
-        require_whole(said)
-        return dict(said)
+        return {**said, "model": vars(whole(said).model)}
 
 
-def require_whole(said: Any) -> None:
-    """Raise ValueError unless a description has every key, each of a possible value."""
+def whole(said: Any) -> Description:
+    """The description. Raises ValueError unless it has every key, each of a possible value."""
     try:
-        build(Description, said)
+        return build(Description, said)
     except InputError as error:  # named by the file, not by a parameter that nobody set
         raise ValueError(str(error)) from error
 

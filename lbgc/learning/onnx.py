@@ -119,7 +119,7 @@ def parse(content: bytes, where: object, threads: int = 0) -> Learned:
         onnx_graph.require_small(content)
         model = onnx.load_model_from_string(content)
         said = json.loads({entry.key: entry.value for entry in model.metadata_props}[_SAID])
-        description.require_whole(said)
+        description.whole(said)
         config = build(ModelConfig, said["model"])
         onnx_graph.require_ours(model, config, INPUT, OUTPUTS)
         _limit_memory(runtime)
