@@ -113,6 +113,7 @@ def _by_dask(address: str, task: Callable[[int], object], shards: Sequence[int])
     """Run the tasks on the dask cluster of the scheduler at this address."""
     try:
         from distributed import Client, KilledWorker
+        from distributed.comm import CommClosedError
     except ImportError as error:
         what = "needs dask: pip install 'lbgc[dask]'"
         raise InputError("cluster", "dask", "", what) from error
@@ -131,7 +132,7 @@ def _by_dask(address: str, task: Callable[[int], object], shards: Sequence[int])
     except KilledWorker as error:
         what = f"its workers keep being killed: is there memory enough? {again}"
         raise InputError("cluster.address", address, "", what) from error
-    except (CancelledError, OSError) as error:
+    except (CancelledError, CommClosedError) as error:
         raise InputError(
             "cluster.address", address, "", f"its scheduler is gone; {again}"
         ) from error
@@ -143,10 +144,14 @@ def _handed_out(
     """Run the tasks on dask, some ahead for each thread of the workers that there are by then. A
     scheduler keeps half a kilobyte and more of each task that it knows."""
     from distributed import as_completed
+    from distributed.comm import CommClosedError
 
     waiting, begun, done = iter(shards), dict[Any, int](), as_completed()
     while True:
-        threads = sum(client.nthreads().values())
+        try:
+            threads = sum(client.nthreads().values())
+        except OSError as error:  # a task's own errors of files stay what they are
+            raise CommClosedError from error
         if not threads:
             print(f"the scheduler at {address} has no workers yet: waiting", file=sys.stderr)
         ahead = _AHEAD * max(1, threads)

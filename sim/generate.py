@@ -81,7 +81,7 @@ def _generate(config: GenerateConfig, place: Place, layout: store.Layout) -> Non
     """Make all shards that are missing or damaged in the dataset at this place."""
     where = str(place.local.resolve() if place.local else place)
     dataset = store.create(where, layout, config.content(), _recipe())
-    shards = dataset.state().unfinished
+    shards = dataset.unfinished_shards()
     total = sum(len(dataset.layout.rows(shard)) for shard in shards)
     with tqdm(total=total, unit="rec", desc="generating", disable=not shards) as bar:
         if config.cluster.kind == "serial":

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+WORKER = ("-m", "dask", "worker", "--nthreads", "1", "--no-nanny", "--no-dashboard",
+          "--death-timeout", "30")  # fmt: skip
+
 
 @contextmanager
 def running(home: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen]]]:
@@ -22,21 +25,20 @@ def running(home: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Pop
 
     def start(*arguments: str) -> subprocess.Popen:
         with (home / f"dask-{len(started)}.log").open("w") as log:
-            command = [sys.executable, "-m", "dask", *arguments, "--scheduler-file", str(told)]
+            command = [sys.executable, *arguments, "--scheduler-file", str(told)]
             environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
             process = subprocess.Popen(command, stdout=log, stderr=log, cwd=home, env=environment)
         started.append(process)
         return process
 
     try:
-        scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        listening = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        scheduler = start("-m", "dask", "scheduler", *listening)
         while not told.exists() or not told.read_text().rstrip().endswith("}"):
             assert scheduler.poll() is None, (home / "dask-0.log").read_text()
             time.sleep(0.05)
         for _ in range(workers):
-            start(
-                "worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "30"
-            )
+            start(*WORKER)
         address = next(p for p in told.read_text().split('"') if p.startswith("tcp://"))
         yield address, [*started[1:], scheduler]
     finally:

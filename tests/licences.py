@@ -22,9 +22,9 @@ packages from their makers. None is under the GPL or the AGPL.
   it as it is, for the Allan deviations of a log.
 - NumPy's, SciPy's and PyTorch's files bring GCC's runtime libraries along: GPL-3.0 with the
   exception that lets any program be linked with them; and `libquadmath`, LGPL-2.1-or-later.
-- PyTorch's build with CUDA, for which there is [a lock](../requirements-cuda.lock) of its own, asks
-  for NVIDIA's libraries. They are not open source: NVIDIA's own terms hold. They are not in the
-  table.
+- PyTorch's build with CUDA, for which there is [a lock](../requirements-cuda.lock) of its own,
+  asks for NVIDIA's libraries. They are not open source: NVIDIA's own terms hold. They are not in
+  the table.
 
 The table is of the build without CUDA, as the packages themselves say; where what they say is no
 name of a licence, or not all of it, it was read in their files (marked *). It is written by

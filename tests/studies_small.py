@@ -1,6 +1,7 @@
 """What the tests of the studies share: which studies there are, and how one is run."""
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 
 import yaml
@@ -8,8 +9,13 @@ from helpers import ROOT, ran_small
 
 STUDIES = ROOT / "tests/studies"
 SMALL = yaml.safe_load((STUDIES / "small.yaml").read_text())
-_HELPERS = {"common", "scoring", "swaying", "vehicle_likeness"}
+_HELPERS = {
+    *("common", "scoring", "swaying", "vehicle_likeness"),
+    *("transactional_harm", "transactional_stores"),
+}
 _NAMES = {path.stem for path in STUDIES.glob("*.py")} - _HELPERS
+if find_spec("distributed") is None:  # an extra
+    _NAMES.discard("million")
 TRAINING = ["baseline", "faults", "hyperparameters", "learning", "paper"]
 OTHERS = sorted(_NAMES - set(TRAINING))
 

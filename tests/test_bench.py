@@ -15,6 +15,7 @@ def test_the_bench_runs(tmp_path):
     rows = {f"{key}_over_floor" for key in ("error_model", "means", "peer_allantools")}
     rows |= {f"{key}_over_floor" for key in small["end_to_end"]}
     rows |= {"end_to_end_vehicle_over_rollout", "two_process_speedup", "data_wait_percent"}
+    rows |= {"open_100gb_s", "vehicle_over_pinned_limit", "two_process_speedup_over_pinned_limit"}
     assert rows <= set(summary), said
     assert all(summary[row] >= 0 for row in rows)
     assert (tmp_path / "outputs/bench/table.csv").exists()

@@ -170,7 +170,8 @@ def older(path: Path) -> Dataset:
         with zarr.config.set({"array.write_empty_chunks": True}):
             for name, value in batch(layout, shard).items():
                 group[name][rows.start : rows.stop] = value
-        digest, names = Dataset.open(path)._shard_digest(shard), layout.files(shard)
+        digest = Dataset.open(path)._shard_digest(shard, place.entries())
+        names = layout.files(shard)
         stored = manifest.stored_checksum(identity, shard, names, place.read, digest)
         group["manifest/digest"][shard] = np.frombuffer(digest, np.uint8)
         group["manifest/stored"][shard] = np.frombuffer(stored, np.uint8)

@@ -88,6 +88,12 @@ class Layout:
             return np.empty((recordings, 3, samples), self.dtype(name)).swapaxes(1, 2)
         return np.empty(tuple(sizes[d] for d in dims), self.dtype(name))
 
+    def zeros(self, name: str, recordings: int) -> np.ndarray:
+        """The values of a variable that is zero in so many recordings."""
+        sizes = {"recording": recordings, "time": self.samples, "axis": 3, "axis_in": 3}
+        shape = [sizes[d] for d in VARIABLES[name].dims]
+        return np.broadcast_to(np.zeros((), self.dtype(name)), shape)
+
     def rows(self, shard: int) -> range:
         """The recordings of a shard."""
         return range(shard * self.shard, min((shard + 1) * self.shard, self.recordings))

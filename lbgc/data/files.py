@@ -1,28 +1,26 @@
 """The names of a dataset's files, by its schema."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 
 from lbgc.data.schema import SCHEMA, VARIABLES
 
 ROOT = "zarr.json"
 SHA256_BYTES = 32
-_SEPARATORS = {4: "/", 5: "."}
+_OLDER = 4
+"""The last schema of many files: see `lbgc.data.schema.READ`."""
+_ROWS_OF_OLDER = {
+    "digest": "SHA-256 of a finished shard's decoded arrays",
+    "stored": "SHA-256 of a finished shard's identity, digest and files",
+}
 _ROWS = {
-    4: {
-        "digest": "SHA-256 of a finished shard's decoded arrays",
-        "stored": "SHA-256 of a finished shard's identity, digest and files",
-    },
-    5: {
-        "shards": "SHA-256 of a finished shard's identity and files, and of the files' names and "
-        "sizes",
-    },
+    "shards": "SHA-256 of a finished shard's identity and files, and of the files' names and sizes",
 }
 
 
 def separator(schema: int) -> str:
     """What stands between the indices in a file's name. A slash makes directories, which take more
     time than files do, and the name of a shard's file has two or three."""
-    return _SEPARATORS[schema]
+    return "/" if schema <= _OLDER else "."
 
 
 def file_of(array: str, *indices: int, schema: int = SCHEMA) -> str:
@@ -37,13 +35,18 @@ def shard_files(shard: int, variables: Iterable[str], schema: int = SCHEMA) -> l
     return [file_of(n, shard, *others[n], schema=schema) for n in sorted(others)]
 
 
+def shard_of(file: str, variables: Container[str]) -> int | None:
+    """The shard whose file this is, one of these variables'; None where it is no shard's."""
+    array, _, indices = file.partition("/c.")
+    first = indices.partition(".")[0]
+    return int(first) if array in variables and first.isdecimal() else None
+
+
 def row_arrays(schema: int = SCHEMA) -> dict[str, tuple[int, str]]:
     """The arrays of the manifest, in the order in which they are written: the bytes that each has
     of a shard, and what they are."""
-    return {
-        f"manifest/{name}": (SHA256_BYTES * (2 if name == "shards" else 1), what)
-        for name, what in _ROWS[schema].items()
-    }
+    rows, size = (_ROWS_OF_OLDER, 1) if schema <= _OLDER else (_ROWS, 2)
+    return {f"manifest/{name}": (SHA256_BYTES * size, what) for name, what in rows.items()}
 
 
 def row_files(shard: int, schema: int = SCHEMA) -> list[str]:

@@ -189,7 +189,8 @@ def rows(place: Place, entries: Iterable[str], schema: int, shards: int) -> dict
         ):
             row = b"".join(part[:-CHECKSUM_BYTES] for part in parts)
             first, second = row[:SHA256_BYTES], row[SHA256_BYTES:]
-            told[shard] = Row(second, digest=first) if schema == 4 else Row(first, sizes=second)
+            older = len(sizes) > 1
+            told[shard] = Row(second, digest=first) if older else Row(first, sizes=second)
     return told
 
 

@@ -93,13 +93,21 @@ def block_edges(samples: int, rate_hz: float, target_hz: float) -> np.ndarray | 
     return np.arange(samples // block + 1) * block if near else None
 
 
+def mean_along(values: np.ndarray, axis: int) -> np.ndarray:
+    """Means along an axis, in float64. Along the axis before the last, as of vectors, one a sample,
+    it is a product of matrices: numpy's own sum takes twenty times as long there."""
+    if axis != values.ndim - 2:
+        return np.asarray(values.mean(axis=axis, dtype=np.float64))
+    return np.asarray(np.ones(values.shape[axis]) @ values / values.shape[axis])
+
+
 def means_between(values: np.ndarray, edges: np.ndarray, axis: int = 0) -> np.ndarray:
     """Means of the values from each edge to the next along an axis, in float64."""
     sizes = np.diff(edges)
     cut = values[(slice(None),) * axis + (slice(0, int(edges[-1])),)]
     if np.ptp(sizes) == 0:
         shape = (*values.shape[:axis], len(sizes), sizes[0], *values.shape[axis + 1 :])
-        return np.asarray(cut.reshape(shape).mean(axis=axis + 1, dtype=np.float64))
+        return mean_along(cut.reshape(shape), axis + 1)
     sums = np.add.reduceat(cut, edges[:-1], axis=axis, dtype=np.float64)
     return np.asarray(sums / sizes.reshape(-1, *(1,) * (values.ndim - axis - 1)))
 

@@ -7,12 +7,13 @@ files being there, since a missing shard would read silently as zeros.
 """
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import zarr
+from tqdm import tqdm
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
@@ -20,7 +21,7 @@ from lbgc import machine
 from lbgc.data import codec, configuration, manifest
 from lbgc.data.documents import Layout, documents
 from lbgc.data.encoding import encoded, is_zero, with_checksum
-from lbgc.data.files import ROOT, names_of, row_files
+from lbgc.data.files import ROOT, names_of, row_files, shard_of
 from lbgc.data.place import Place, writing
 from lbgc.data.record import Record
 from lbgc.data.remembered import Remembered
@@ -154,6 +155,7 @@ class Dataset:
     def __init__(self, place: Place, group: zarr.Group, layout: Layout):
         self.place, self._group, self.layout = place, group, layout
         self._checked = False
+        self._arrays: dict[str, zarr.Array[Any]] = {}
 
     @classmethod
     def open(cls, path: str | Path) -> "Dataset":
@@ -223,10 +225,12 @@ class Dataset:
         return self.layout.rate_hz
 
     def _array(self, name: str) -> zarr.Array[Any]:
-        with reading("data", self.place, f"is damaged: {name}"):
-            array = self._group[name]
-            assert isinstance(array, zarr.Array)
-            return array
+        if name not in self._arrays:  # Zarr takes two milliseconds
+            with reading("data", self.place, f"is damaged: {name}"):
+                array = self._group[name]
+                assert isinstance(array, zarr.Array)
+                self._arrays[name] = array
+        return self._arrays[name]
 
     def _read(self, name: str, first: int, end: int) -> np.ndarray:
         """Rows of a variable. Raises InputError where they cannot be decoded."""
@@ -257,6 +261,17 @@ class Dataset:
         this machine and as they are now."""
         return state(self.place, self.identity, self.layout)
 
+    def unfinished_shards(self) -> list[int]:
+        """What generation has to do, or to do again: shards that are missing or damaged. What files
+        they have are removed, since one of a variable that is zero would not be written over."""
+        unfinished = self.state().unfinished
+        left = set(unfinished)
+        with writing(self.place):
+            for name in self.place.entries():
+                if shard_of(name, self.layout.variables) in left:
+                    self.place.remove(name)
+        return unfinished
+
     def remember(self) -> None:
         """Take for whole what has just been written here, by this program and in its own place."""
         remember(self.place, self.identity, self.layout)
@@ -285,22 +300,27 @@ class Dataset:
         sizes = manifest.sizes_checksum({name: len(content) for name, content in files.items()})
         (row,) = row_files(shard)
         with writing(self.place):
-            for stale in (name for name in names if name not in files):
-                self.place.remove(stale)
             self.place.write_all(files)
             self.place.write(row, with_checksum(stored_is + sizes))
 
-    def _shard_digest(self, shard: int) -> bytes:
-        """SHA-256 over the shard's decoded arrays, read from the store."""
-        rows = self.layout.rows(shard)
-        arrays = ((n, self._read(n, rows.start, rows.stop)) for n in sorted(self.layout.variables))
+    def _shard_digest(self, shard: int, there: Container[str]) -> bytes:
+        """SHA-256 over the shard's decoded arrays, read from the store. there : the files that it
+        has; a variable without one is zero, and Zarr is not asked."""
+        rows, layout = self.layout.rows(shard), self.layout
+        arrays = (
+            (name, self._read(name, rows.start, rows.stop))
+            if file in there
+            else (name, layout.zeros(name, len(rows)))
+            for name, file in zip(sorted(layout.variables), layout.files(shard), strict=True)
+        )
         return _digest(arrays)
 
     def digest(self) -> str:
         """The dataset's digest, computed anew from every decoded array."""
-        whole = hashlib.sha256()
-        for shard in range(self.layout.shards):
-            whole.update(self._shard_digest(shard))
+        whole, there = hashlib.sha256(), self.place.entries()
+        shards = tqdm(range(self.layout.shards), "digest", unit="shard", leave=False, delay=1)
+        for shard in shards:
+            whole.update(self._shard_digest(shard, there))
         return whole.hexdigest()
 
     def in_split(self, split: str) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from lbgc.data.record import mean_along
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.estimators.plate import mean_angle, mean_turn, tilt_of, travel_within, usable
@@ -248,7 +249,7 @@ def levelled(
 
     def mean(values: np.ndarray) -> np.ndarray:
         blocks = values[:, : n * size].reshape(w, n, size, *values.shape[2:])
-        return blocks[:, :, 0].astype(float) if size == 1 else blocks.mean(axis=2, dtype=float)
+        return blocks[:, :, 0].astype(float) if size == 1 else mean_along(blocks, 2)
 
     samples = mean_angle(windows.plate_angle, windows.rate_hz, sample_s)[:, : n * size]
     angle = mean(samples)

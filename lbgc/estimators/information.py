@@ -53,11 +53,9 @@ _TWICE, _RARELY = 2.0, 1e-8  # scatter over the model's, and the chance of a sca
 class Whitened:
     """A course's patterns, whitened by the covariance of a sensor's in-run noise."""
 
-    factor: np.ndarray
-    """(CHANNELS, n, n), L, the lower Cholesky factor of C"""
-    Q: np.ndarray
-    """(CHANNELS, n, PATTERNS), orthonormal columns; zeros where there are fewer parts than
-    patterns"""
+    unexplained: np.ndarray
+    """(CHANNELS, n, n), (1 - Q Q') L^-1: what no pattern explains of the whitened data, with L the
+    lower Cholesky factor of C and Q, (n, PATTERNS), orthonormal"""
     R: np.ndarray
     """(CHANNELS, PATTERNS, PATTERNS), upper triangular"""
     reduce: np.ndarray
@@ -78,13 +76,8 @@ class Whitened:
     def beside(self, body: np.ndarray) -> np.ndarray:
         """Sum of squares, (V,), of the whitened data's part that no pattern explains.
         body : (V, CHANNELS, n)."""
-        total = np.zeros(len(body))
-        for channel in range(CHANNELS):
-            d, Q = body[:, channel].T, self.Q[channel]
-            left = scipy.linalg.solve_triangular(self.factor[channel], d, lower=True)
-            left -= Q @ (Q.T @ left)
-            total += np.sum(left**2, axis=0)
-        return total
+        left = body.swapaxes(0, 1) @ self.unexplained.swapaxes(1, 2)
+        return np.asarray(np.einsum("cvn,cvn->v", left, left))
 
 
 @lru_cache(maxsize=32)  # megabytes each
@@ -92,14 +85,14 @@ def whitened(imu: ImuModel, course: Course) -> Whitened:
     """The patterns of a course, whitened by the in-run noise of a sensor; computed once each."""
     factor, B = factors(imu, course), patterns(imu, course)
     n, k = len(B), min(len(B), PATTERNS)
-    Q, R = np.zeros((CHANNELS, n, PATTERNS)), np.zeros((CHANNELS, PATTERNS, PATTERNS))
+    unexplained, R = np.empty((CHANNELS, n, n)), np.zeros((CHANNELS, PATTERNS, PATTERNS))
     reduce = np.zeros((CHANNELS, PATTERNS, n))
     for channel, L in enumerate(factor):
-        white = scipy.linalg.solve_triangular(L, B, lower=True)
-        Q[channel, :, :k], R[channel, :k] = np.linalg.qr(white)
-        solved = scipy.linalg.solve_triangular(L, Q[channel], lower=True, trans="T")
-        reduce[channel] = solved.T
-    return Whitened(factor, Q, R, reduce)
+        by = scipy.linalg.solve_triangular(L, np.eye(n), lower=True)
+        Q, R[channel, :k] = np.linalg.qr(by @ B)
+        reduce[channel, :k] = Q.T @ by
+        unexplained[channel] = by - Q @ reduce[channel, :k]
+    return Whitened(unexplained, R, reduce)
 
 
 @dataclass(frozen=True, eq=False)

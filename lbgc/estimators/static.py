@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lbgc.data.record import mean_along
 from lbgc.data.windows import Windows
 from lbgc.earth import earth_rate_ned
 from lbgc.estimators.block_means import levelled
@@ -30,7 +31,7 @@ def mean(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 0
     Raises InputError where the plate turns within a window: the mean rate is then not Earth's.
     """
     _at_rest("mean", windows)
-    heading = gyrocompass(windows.gyro.mean(axis=1), *level(windows.accel.mean(axis=1)))
+    heading = gyrocompass(mean_along(windows.gyro, 1), *level(mean_along(windows.accel, 1)))
     heading = wrap(heading - windows.plate_angle.mean(axis=1))
     return _with_sigma(heading, windows, imu, bias_sigma)
 
@@ -44,7 +45,7 @@ def triad(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 
     """
     check("triad", windows)
     _at_rest("triad", windows)
-    force, rate = windows.accel.mean(axis=1), windows.gyro.mean(axis=1)
+    force, rate = mean_along(windows.accel, 1), mean_along(windows.gyro, 1)
     body = _triad(force, rate)
     up = np.broadcast_to([0.0, 0.0, -1.0], force.shape)
     c_nb = _triad(up, earth_rate_ned(windows.latitude)) @ np.swapaxes(body, -1, -2)

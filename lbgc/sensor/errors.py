@@ -14,6 +14,7 @@ its inverse, which a calibrated record has.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Proportional:
     warms: bool = False
     """Whether it grows with the temperature's rise since power-up"""
 
-    @property
+    @cached_property
     def sigma(self) -> np.ndarray:
         """1 sigma of c, (3, 3)."""
         if self.cross is None:
@@ -87,8 +88,13 @@ class Proportional:
     def along(self, felt: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
         """What 1 sigma of each coefficient makes of what is followed, felt (G, 3, *S): the axis
         that prints it, and (G, *S)."""
-        for i, j in np.argwhere(self.sigma > 0):
-            yield int(i), self.sigma[i, j] * felt[:, j]
+        for i, j, sigma in self._sizes:
+            yield i, sigma * felt[:, j]
+
+    @cached_property
+    def _sizes(self) -> list[tuple[int, int, float]]:
+        """Which coefficients there are, and 1 sigma of each."""
+        return [(int(i), int(j), float(self.sigma[i, j])) for i, j in np.argwhere(self.sigma > 0)]
 
     def sized(self, which: str, size: Triple) -> "Proportional":
         """This kind of error with its `own` or its `cross` of another size."""

@@ -43,6 +43,9 @@ class Table:
             f"{row.what:52s}{row.value:10.4g}  {goal:>8s}  {spread:>4s}  {cpu:>8s}  {own}"
         )
         self._report.summary[row.key] = float(f"{row.value:.5g}")
+        if row.over_limit is not None:
+            own = row.key.partition("_over_")[0].removeprefix("end_to_end_vehicle") or "vehicle"
+            self.note(f"{own}_over_pinned_limit", row.over_limit)
         self._rows.append(row)
 
     def ratio(

@@ -62,7 +62,8 @@ class Watch:
             self.seen.append(f"{event} {arguments[:1]}")
         elif event == "open" and isinstance(arguments[0], str | bytes):
             path = os.path.abspath(os.fsdecode(arguments[0]))
-            if not path.startswith((self.home, "/proc/self/", "/sys/")):
+            cache = os.environ["XDG_CACHE_HOME"]  # where it remembers what was whole
+            if not path.startswith((self.home, cache, "/proc/self/", "/sys/")):
                 self.seen.append(f"open {path}")
 
 
@@ -94,6 +95,7 @@ def work(home: str, first: int, every: int, at: SynchronizedArray, report: Any) 
         codecs.lookup(encoding)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # progress bars, and what libraries say of a file
     own = Path(tempfile.mkdtemp(dir=home))
+    os.environ["XDG_CACHE_HOME"] = str(own / "cache")
     kinds = readers(own)
     if (onnx := Path(home) / ONNX).exists():
         kinds["onnx"] = onnx_reader(onnx.read_bytes())

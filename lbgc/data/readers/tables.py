@@ -39,6 +39,8 @@ def read_parquet(path: Path, key: str) -> Table:
             unfolded += max(batch.nbytes, 8 * batch.num_rows * batch.num_columns)
             _require_room(unfolded, path, key)
         table = pa.Table.from_batches(batches, batches[0].schema if batches else kinds)
+        if table.num_rows != told.num_rows:
+            raise ValueError(f"holds {table.num_rows} rows, and says {told.num_rows}")
         _ = table.column_names  # names are decoded here, where a failure is reported
         return table
 
