@@ -54,7 +54,7 @@ endef
 # PyTorch's other build needs NVIDIA's libraries.
 $(STAMP): pyproject.toml requirements.lock requirements-cuda.lock
 	$(call locked,$(VENV))
-	@if $(BIN)/python $(PIP) show torch | grep -q triton; then set -x; \
+	@if $(BIN)/python $(PIP) show torch | grep triton > /dev/null; then set -x; \
 	$(BIN)/python $(LOCKED) -r requirements-cuda.lock; fi
 	$(BIN)/python $(PIP) install --quiet --no-deps --no-build-isolation -e .
 	$(BIN)/python $(PIP) check

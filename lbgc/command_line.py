@@ -7,7 +7,7 @@ refused.
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,22 +63,32 @@ def taken_apart(arguments: Sequence[str]) -> tuple[Path | None, bool, list[str],
     return directory, verify, options, rest
 
 
-def require_allowed(override: Any, groups: Sequence[str]) -> None:
-    """Raise InputError where Hydra may not be given this override, as it has parsed it: a choice
-    that is a path or is put into another place, or a setting of Hydra's that is not in the list.
+def _is_name(choice: Any) -> bool:
+    """Whether one choice, as Hydra has parsed it, can be a file's name: null, a number, a list and
+    a group cannot, and Hydra would go on without one or break down."""
+    name = getattr(choice, "text", choice)  # in quotes or not
+    return isinstance(name, str) and name.lower() not in ("", "none")
 
-    groups : groups of choices.
+
+def require_allowed(override: Any, groups: Mapping[str, Sequence[str]]) -> None:
+    """Raise InputError where Hydra may not be given this override, as it has parsed it: a choice
+    that is a path, is no name or is put into another place, or a setting of Hydra's that is not in
+    the list.
+
+    groups : the choices of each group that come with lbgc.
     """
     key, said = override.key_or_group, str(override.input_line)
     require(override.package is None, "override", said, "a choice cannot be put elsewhere by @")
     text = said.partition("=")[2]
-    if key in groups:
+    value = None if override.is_delete() else override.value()
+    if key in groups and not override.is_delete():
         require(not set("/\\$") & set(text), key, text, "must be a choice's name, and no path")
+        if not all(map(_is_name, getattr(value, "list", getattr(value, "include", [value])))):
+            raise InputError(key, text, "", groups[key])
     if re.split(r"[./]", key)[0] != "hydra":
         return
-    value = None if override.is_delete() else override.value()
     if key in _CHOICES:
-        require_choice(key, str(value), _CHOICES[key])
+        require_choice(key, "null" if value is None else str(value), _CHOICES[key])
         return
     group, _, name = key.rpartition(".")
     names = _SETTINGS.get(group, "").split()

@@ -3,7 +3,6 @@
 import _thread
 import logging
 import os
-import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +32,6 @@ from lbgc.sweeps import Ended
 _PLACES = [parent / "conf" for parent in Path(__file__).resolve().parents[:2]]
 CONF = str(next(filter(Path.is_dir, _PLACES), _PLACES[0]))
 """In lbgc/ where that was installed, beside it in the checkout."""
-_NO_NAME = re.compile(r"null|none|~|true|false|[-+]?[\d.]+(e[-+]?\d+)?", re.IGNORECASE)
 COMPLETE = ("imu", "scene", "protocol")
 """Groups whose files say only what they change: the rest is as the dataclass has it."""
 
@@ -108,7 +106,6 @@ def run_main(
 
     with ending.streams() as out, ending.Signals() as told, sweeps.sweep() as directory:
         try:
-            _check_groups(sys.argv[1:])
             store_defaults(config_class)
             with _brought(config_class), _interruptible():
                 hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(job)()
@@ -133,14 +130,6 @@ def run_main(
         except Exception as error:
             own_fault = fault.reported(error)
             sys.exit(_conclude(directory, summary) or _said(own_fault, fault.EXIT))
-
-
-def _check_groups(arguments: Sequence[str]) -> None:
-    """Raise InputError where a group is set to null or a number, of which Hydra makes no sense."""
-    for group, _, value in (own.lstrip("+").partition("=") for own in arguments):
-        if value and _NO_NAME.fullmatch(value) and (Path(CONF) / group).is_dir():
-            files = sorted(file.stem for file in (Path(CONF) / group).glob("*.yaml"))
-            raise InputError(group, value, "", files)
 
 
 def _run(
@@ -180,7 +169,14 @@ def _brought(config_class: type) -> Iterator[None]:
     of Hydra's error where one that it does not find was refused."""
     before = sys.argv
     directory, verify, options, overrides = command_line.taken_apart(before[1:])
-    groups = [place.name for place in Path(CONF).iterdir() if place.is_dir()]
+    groups = {
+        place.name: sorted(file.stem for file in place.glob("*.yaml"))
+        for place in Path(CONF).iterdir()
+        if place.is_dir()
+    }
+    for group, _, value in (own.lstrip("+").partition("=") for own in overrides):
+        if value == "~" and group in groups:  # YAML's null, and no word of Hydra's
+            raise InputError(group, value, "", groups[group])
     for override in OverridesParser.create().parse_overrides(overrides):
         command_line.require_allowed(override, groups)
     OmegaConf.register_new_resolver("oc.env", _of_environment, replace=True)

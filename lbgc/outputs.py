@@ -17,6 +17,7 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from unicodedata import category
 
 LONGEST = 200
 """Largest number of characters that are shown of one text from a file."""
@@ -24,6 +25,9 @@ _UNSEEN = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef]"
 )
 """Characters that are printable by Unicode and not seen: fillers, selectors of variants, blanks."""
+_MOST_MARKS = 3
+"""Largest number of marks above, below and through one character that are shown as such: as many as
+nearly any script writes. A pile of them covers the lines around it."""
 _TEMPORARY = re.compile(r"\.lbgc-[0-9a-f]{32}\.partial")
 _OLD_LINK_S = 60.0
 """Age, s, from which a temporary link is nobody's: its writer renames it at once."""
@@ -45,14 +49,16 @@ def as_json(content: Any, indent: int | None = 2, sort_keys: bool = False) -> st
 
 def printable(text: str) -> str:
     """Text from outside made safe for a terminal: control characters, which could change its
-    colours, cursor or title, marks that turn the direction of writing, and characters that nobody
-    sees are spelled out; tabs and ends of lines stay."""
+    colours, cursor or title, marks that turn the direction of writing, characters that nobody
+    sees, and marks piled upon one character are spelled out; tabs and ends of lines stay."""
     if text.isascii() and text.isprintable():
         return text
-    return "".join(
-        c if (c.isprintable() and not _UNSEEN.match(c)) or c in "\t\n" else _spelled_out(c)
-        for c in text
-    )
+    written, marks = [], 0
+    for c in text:
+        marks = marks + 1 if category(c) in ("Mn", "Me") else 0
+        seen = (c.isprintable() and not _UNSEEN.match(c)) or c in "\t\n"
+        written.append(c if seen and marks <= _MOST_MARKS else _spelled_out(c))
+    return "".join(written)
 
 
 def shown(text: object, longest: int = LONGEST) -> str:

@@ -3,7 +3,7 @@
 python lbgc/train.py data=PATH
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -230,8 +230,13 @@ def _is_whole(run: Path) -> bool:
         print(f"{error}: training it again")
         return False
     if picture.read(run / _CURVE) is None:
-        write_atomically(run / _CURVE, png(loss_curve(looks)))
+        _draw(run, looks)
     return True
+
+
+def _draw(run: Path, looks: Sequence[Mapping[str, float]]) -> None:
+    """Write the picture of a run's history."""
+    write_atomically(run / _CURVE, png(loss_curve(looks), dpi=150))
 
 
 def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Labelled:
@@ -278,7 +283,7 @@ def _reference_error_deg(datasets: Sequence[Dataset]) -> float:
 
 def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: Trainer) -> None:
     """Write all files of a run, the description last, since it marks the run as finished."""
-    write_atomically(run / _CURVE, png(loss_curve(trainer.history), dpi=150))
+    _draw(run, trainer.history)
     looks = history.compose(trainer.history)
     write_atomically(run / history.FILE, looks)
     weights = {k: v.cpu().contiguous() for k, v in trainer.best.items()}

@@ -5,6 +5,7 @@ has keys of its group's dataclass only; nothing that it says configures Hydra or
 """
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -42,7 +43,7 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         keys = [key.value for key, _ in node.value]
         if not all(isinstance(key, yaml.ScalarNode) for key, _ in node.value):
             raise ValueError("a list or a group as a parameter's name")
-        if twice := {key for key in keys if keys.count(key) > 1}:
+        if twice := [key for key, count in Counter(keys).items() if count > 1]:
             raise ValueError(f"{', '.join(sorted(twice))} stands there twice")
         return super().construct_mapping(node, deep)
 

@@ -199,7 +199,8 @@ def test_a_link_is_no_history(trained, cli):
 def test_a_damaged_loss_curve_is_drawn_again(trained, monkeypatch, capsys, spoil):
     home, config, run = trained
     file = run / "loss.png"
-    file.unlink(missing_ok=True)
+    drawn = file.read_bytes()
+    file.unlink()
     if spoil == "half":
         file.write_bytes(b"\x89PNG")
     elif spoil == "link":
@@ -208,4 +209,5 @@ def test_a_damaged_loss_curve_is_drawn_again(trained, monkeypatch, capsys, spoil
     lbgc.train.main(config)
     assert "already finished" in capsys.readouterr().out
     assert picture.read(file) is not None
+    assert file.read_bytes() == drawn
     assert not (home / "elsewhere.png").exists()

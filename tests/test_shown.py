@@ -5,6 +5,7 @@ import io
 import json
 import re
 from typing import ClassVar
+from unicodedata import category
 
 import numpy as np
 import pytest
@@ -46,8 +47,9 @@ EVIL = {
     "no break": "a\u00a0b\u2003c",
     "null": "a\x00b",
     "private": "a\ue000b",
+    "pile": "a" + "\u0301\u0302" * 20,
 }
-ACTS = re.compile("[\x00-\x1f\x7f-\x9f\u00ad\u034f\u061c\u115f\u200b-\u200f\u2028-\u202e\u2060-\u2069\u2800\u3164\ufe0f\ufeff\uffa0\ue000\udcff\U000e0041\U000e0100]")  # fmt: skip  # noqa: E501
+ACTS = re.compile("[\x00-\x1f\x7f-\x9f\u00ad\u034f\u061c\u115f\u200b-\u200f\u2028-\u202e\u2060-\u2069\u2800\u3164\ufe0f\ufeff\uffa0\ue000\udcff\U000e0041\U000e0100]|[\u0301\u0302]{4}")  # fmt: skip  # noqa: E501
 
 
 @pytest.mark.parametrize("name", EVIL)
@@ -63,6 +65,16 @@ def test_what_acts_is_spelled_out(name):
 def test_what_does_not_act_stays():
     for text in ("Straße 90°, ±1 µrad", "北極星", "Ω = 7.29e-5", "a b", "x_40.csv", "Zoë", "שלום"):
         assert shown(text) == text == printable(text)
+    for marked in ("Zoe\u0308", "ế".join("ab"), "שָׁלוֹם", "กำลังที่นี่", "a\u0301\u0302\u0303" * 9):
+        assert shown(marked) == marked == printable(marked)
+
+
+def test_marks_piled_upon_one_character_are_spelled_out():
+    """Above (Mn) or around (Me) it: a fourth mark is text, and what follows it is as it was."""
+    for mark, said in (("\u0301", "\\u0301"), ("\u0489", "\\u0489"), ("\U0001e8d0", "\\U0001e8d0")):
+        assert printable(f"x{4 * mark}y{mark}") == f"x{3 * mark}{said}y{mark}"
+    pile = printable("a" + "\u0316\u20dd" * 50)
+    assert sum(category(c) in ("Mn", "Me") for c in pile) == 3
 
 
 @pytest.mark.parametrize("text", ["x" * 10**6, "\x1b" * 10**6, "\u202e" * 500, "ü" * 201])
