@@ -232,8 +232,8 @@ ANOTHERS = "another's"
 
 
 def noticed(opened: Callable[[], zarr.Group], whole: str) -> str:
-    """When a reader is told of damage: on opening, on reading, or never, where it is given the same
-    (harmless) or something else (silent)."""
+    """When a reader is told of damage: on opening (with whatever is checked then), on reading, or
+    never, where it is given the same (harmless) or something else (silent)."""
     try:
         group = opened()
     except BaseException as error:  # Rust's panics are no Exceptions

@@ -10,6 +10,7 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from contextlib import suppress
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
@@ -259,18 +260,35 @@ def put_values(into: Any, data: Made, shard: int) -> None:
         group[name][rows.start : rows.stop] = values
 
 
-_given: list[Made] = []
-"""What a worker writes, as it was given it when it began."""
+_given: list[Any] = []
+"""What a worker writes, and where it meets the other; as it was given them when it began."""
 
 
 def _two(data: Made, join: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(2, get_context("forkserver"), _begun, (data, join))
+    """Two processes that hold the dataset and have begun: no kill is to meet only their start."""
+    context = get_context("forkserver")
+    both = context.Barrier(2)
+    pool = ProcessPoolExecutor(2, context, _begun, (data, join, both))
+    for started in [pool.submit(_meet) for _ in range(2)]:
+        started.result()
+    return pool
 
 
-def _begun(data: Made, group: int) -> None:
-    _given.append(data)
+def _begun(data: Made, group: int, both: Any) -> None:
+    _given[:] = [data, both]
     if group:
         os.setpgid(0, group)
+
+
+def _meet() -> None:
+    """Wait until both are here, with all that is done once a process behind them."""
+    _given[0].files(0)
+    with suppress(ImportError):
+        import icechunk
+
+        session = icechunk.Repository.create(icechunk.in_memory_storage()).writable_session("main")
+        put_documents(session.store, _given[0].documents())
+    _given[1].wait(120)
 
 
 def _ours(path: Path, shard: int, tick: Tick) -> None:
