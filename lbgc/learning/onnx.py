@@ -15,10 +15,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lbgc.errors import InputError, build, reading
+from lbgc.errors import InputError, reading
 from lbgc.learning import description, onnx_graph
 from lbgc.learning.estimator import Learned
-from lbgc.learning.model import HeadingNet, ModelConfig, von_mises_sigma
+from lbgc.learning.model import HeadingNet, von_mises_sigma
 from lbgc.outputs import UNSEALED, as_json, is_sealed, read_file, seal, write_atomically
 
 INPUT, OUTPUTS = "features", ("heading", "sigma")
@@ -119,8 +119,8 @@ def parse(content: bytes, where: object, threads: int = 0) -> Learned:
         onnx_graph.require_small(content)
         model = onnx.load_model_from_string(content)
         said = json.loads({entry.key: entry.value for entry in model.metadata_props}[_SAID])
-        description.whole(said)
-        config = build(ModelConfig, said["model"])
+        config = description.whole(said).model
+        said["model"] = vars(config)
         onnx_graph.require_ours(model, config, INPUT, OUTPUTS)
         _limit_memory(runtime)
         session = runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
