@@ -57,7 +57,7 @@ def payload(store: Path, rng: np.random.Generator, shards: int, foreign: Path) -
         return f"shard {shard} deleted"
     if way == 2:
         return truncate(path, rng)
-    if way == 3:
+    if way == 3 and len(there) < len(every):
         planted = one_of(rng, sorted({*every} - {*there}))
         shutil.copy(path, store / planted)
         return f"{planted} is there, which is zero and has no file"

@@ -39,6 +39,9 @@ CASES = cases("transactional")
 def install(report: Report, where: Path) -> bool:
     """Whether Icechunk can be imported, here and in the processes that are started from now on."""
     version = CASES["icechunk"]
+    if version is None:
+        report.line("Icechunk is left out")
+        return False
     if not (where / f"icechunk-{version}.dist-info").exists():
         shutil.rmtree(where, ignore_errors=True)
         pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
