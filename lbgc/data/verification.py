@@ -47,8 +47,8 @@ def state(place: Place, identity: str, layout: Layout) -> State:
             continue
         read += 1
         row = rows[shard]
-        found = manifest.stored_checksum(identity, shard, files, place.read, row.digest)
-        if found == row.stored:
+        there = place.read_all(name for name in files if name in entries)
+        if manifest.stored_checksum(identity, shard, files, there.get, row.digest) == row.stored:
             known.note(shard, now)
         else:
             damaged.append(shard)
