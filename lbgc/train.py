@@ -62,6 +62,9 @@ class TrainConfig:
     """Largest number of optimiser steps."""
     batch: int = 100
     """Number of windows in each step."""
+    echo: int = 1
+    """Number of steps in a row that take the same batch (data echoing). As many as take the time in
+    which a batch is drawn keep training from waiting for it."""
     learning_rate: float = 0.004
     """Largest learning rate of Adam."""
     schedule: str = "onecycle"
@@ -93,7 +96,7 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         require(bool(self.data), "data", self.data, "must be a dataset's path")
-        for name in ("mean_s", "steps", "batch", "learning_rate", "clip", "validate_every",
+        for name in ("mean_s", "steps", "batch", "echo", "learning_rate", "clip", "validate_every",
                      "checkpoint_every", "tempering", "patience", "threads"):  # fmt: skip
             require_positive(name, getattr(self, name))
         many = self.threads is not None and self.threads > _MOST_THREADS
@@ -138,7 +141,7 @@ class TrainConfig:
         )
         for window in sorted(set(self.windows_s) - set(usable)):
             print(f"windows of {window:g} s are left out: the recordings last {longest_s:g} s")
-        names = ("model", "steps", "batch", "learning_rate", "schedule", "clip",
+        names = ("model", "steps", "batch", "echo", "learning_rate", "schedule", "clip",
                  "validate_every", "patience", "checkpoint_every", "seed", "warm_up",
                  "tempering", "threads")  # fmt: skip
         lengths = {w: self.window_steps(w) or 1 for w in usable}

@@ -290,11 +290,12 @@ def test_the_option_overrides_how_many_threads(monkeypatch):
     [(True, 2, False), (False, 2, False), (False, 0, True)],
     ids=["by a thread", "by processes", "in a daemon"],
 )
-def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, daemon):
+@pytest.mark.parametrize("echo", [1, 3])
+def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, daemon, echo):
     monkeypatch.setattr("lbgc.cores.count", lambda: 3)
     process = multiprocessing.current_process()
     monkeypatch.setattr(type(process), "daemon", daemon)
-    batches = Batches(Numbers(), seed=1, batch=3, windows_steps={10.0: 2, 20.0: 4})
+    batches = Batches(Numbers(), seed=1, batch=3, windows_steps={10.0: 2, 20.0: 4}, echo=echo)
     count, seeds = torch.get_num_threads(), torch.random.get_rng_state()
     with ahead(batches, range(5, 12), long_steps) as drawn:
         first = [next(drawn) for _ in range(3)]
@@ -305,6 +306,9 @@ def test_whoever_draws_ahead_draws_the_same(monkeypatch, long_steps, processes, 
         for found, own in zip((x, off), batches[step], strict=True):
             np.testing.assert_array_equal(found, own)
     assert len(first + rest) == 7
+    # Steps 5 and 6 are left of the batch that is for 4, 5 and 6.
+    own = [float(off[0]) for _, off in [*first, *rest]]
+    assert [own.index(value) for value in own] == {1: [*range(7)], 3: [0, 0, 2, 2, 2, 5, 5]}[echo]
     assert multiprocessing.active_children() == []
     assert torch.get_num_threads() == count
     assert torch.equal(torch.random.get_rng_state(), seeds)

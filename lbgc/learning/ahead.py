@@ -29,16 +29,22 @@ _HOW = "fork" if sys.platform == "linux" else "spawn"
 
 @dataclass(frozen=True)
 class Batches(Dataset[Batch]):
-    """The batch of each training step, by the step's number. A step's random numbers depend on the
-    seed and the step alone, whichever process draws them and when."""
+    """The batch of each training step, by the step's number. Its random numbers depend on the seed
+    and the first step that it is for alone, whichever process draws them and when."""
 
     source: Examples
     seed: int
     batch: int
     windows_steps: dict[float, int]
+    echo: int = 1
+    """Number of steps in a row that a batch is for."""
+
+    def first(self, step: int) -> int:
+        """The first step, counted from 1, that this step's batch is for."""
+        return step - (step - 1) % self.echo
 
     def __getitem__(self, step: int) -> Batch:
-        rng = streams.training(self.seed, step)
+        rng = streams.training(self.seed, self.first(step))
         length = self.windows_steps[float(rng.choice(list(self.windows_steps)))]
         return self.source.draw(rng, self.batch, length)
 
@@ -51,14 +57,25 @@ def ahead(batches: Batches, steps: range, long_steps: bool) -> Iterator[Iterator
     do. They gain by every core, so one thread draws beside them. Otherwise processes draw, as many
     as there are cores left beside the one for the network's own arithmetic.
     """
+    draws = range(batches.first(steps.start), steps.stop, batches.echo)
     processes = 0 if long_steps else _processes()
     # Threads that wait for each other's cores make small matrices several times as slow.
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(1) as thread:
-        yield (
-            _by_processes(processes, batches, steps)
+        drawn = (
+            _by_processes(processes, batches, draws)
             if processes > 0
-            else _by_thread(thread, batches, steps)
+            else _by_thread(thread, batches, draws)
         )
+        yield _echoed(drawn, batches, draws, steps)
+
+
+def _echoed(
+    drawn: Iterator[Batch], batches: Batches, draws: range, steps: range
+) -> Iterator[Batch]:
+    """Each of these batches as often as there are steps that it is for."""
+    for first, batch in zip(draws, drawn, strict=True):
+        for _ in range(max(first, steps.start), min(first + batches.echo, steps.stop)):
+            yield batch
 
 
 def _processes() -> int:
@@ -68,13 +85,13 @@ def _processes() -> int:
     return min(_MOST_PROCESSES, cores.count() - 1)
 
 
-def _by_processes(count: int, batches: Batches, steps: range) -> Iterator[Batch]:
+def _by_processes(count: int, batches: Batches, draws: range) -> Iterator[Batch]:
     """Batches drawn by `count` processes, which end when this iterator is deleted, or when their
     parent is killed. Raises InputError where one of them is lost."""
     loader = DataLoader(
         batches,
         batch_size=None,
-        sampler=steps,
+        sampler=draws,
         num_workers=count,
         collate_fn=_unchanged,  # no tensors: small ones take longer between processes
         worker_init_fn=_start,
@@ -103,12 +120,12 @@ def _start(_: int) -> None:
     threadpool_limits(1, "blas")
 
 
-def _by_thread(thread: ThreadPoolExecutor, batches: Batches, steps: range) -> Iterator[Batch]:
+def _by_thread(thread: ThreadPoolExecutor, batches: Batches, draws: range) -> Iterator[Batch]:
     """Batches that one thread draws, each while its predecessor is in use."""
-    following = thread.submit(batches.__getitem__, steps[0]) if steps else None
-    for step in steps:
+    following = thread.submit(batches.__getitem__, draws[0]) if draws else None
+    for step in draws:
         assert following is not None
         batch = following.result()
-        if step + 1 in steps:
-            following = thread.submit(batches.__getitem__, step + 1)
+        if step + draws.step in draws:
+            following = thread.submit(batches.__getitem__, step + draws.step)
         yield batch

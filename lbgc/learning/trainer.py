@@ -55,6 +55,8 @@ class TrainingPlan:
     """Number of fresh windows of each length by which a stated sigma is calibrated at the end."""
     threads: int | None = None
     """Threads of the network's arithmetic; None: by the network's size."""
+    echo: int = 1
+    """Number of steps in a row that take the same batch."""
 
 
 class Trainer:
@@ -90,7 +92,7 @@ class Trainer:
         self.smoothed: float | None = None
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] = copy.deepcopy(self.net.state_dict())
-        self._batches = Batches(source, plan.seed, plan.batch, plan.windows_steps)
+        self._batches = Batches(source, plan.seed, plan.batch, plan.windows_steps, plan.echo)
         self._ahead: Iterator[Batch] | None = None
 
     def run(self, file: Path, on_look: Callable[[list[dict[str, float]]], None]) -> None:

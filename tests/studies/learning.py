@@ -67,6 +67,19 @@ class Case:
     """Each recording is one of its own."""
     training: tuple[str, ...] = ()
     """Other options of training."""
+    echo: int = CASES["echo"]
+
+    @classmethod
+    def of_share(cls, share: float, echo: int = CASES["echo"]) -> "Case":
+        """A share of the bias variance repeats; the rest is new in every recording."""
+        whole = CASES["bias_deg_per_h"]
+        return cls(
+            f"share_{share:g}",
+            bias(whole * np.sqrt(share), whole * np.sqrt(1 - share)),
+            CASES["steps"],
+            tested_on=CASES["calibration_recordings" if share in (0, 1) else "test_recordings"],
+            echo=echo,
+        )
 
     def dataset(self, part: str, recordings: int, seed: int, unit_seed: int, split: str) -> Dataset:
         units = recordings if self.units > 1 else 1
@@ -95,7 +108,8 @@ class Case:
         options = (f"data={data.place}", f"experiment={CASES['experiment']}",
                    f"steps={self.steps}", f"tempering={CASES['tempering']}",
                    f"windows_s=[{lengths}]", f"mean_s={self.mean_s:g}",
-                   f"stream={str(self.stream).lower()}", *self.training)  # fmt: skip
+                   f"stream={str(self.stream).lower()}", f"echo={self.echo}",
+                   *self.training)  # fmt: skip
         run = lbgc.train.main(composed(TrainConfig, "train", *options))
         return Learned.load(run), json.loads((run / DESCRIPTION).read_text())["seconds"] / 60, run
 
@@ -216,14 +230,9 @@ def bias(unit: float, run: float) -> tuple[str, ...]:
 
 def by_share(report: Report, minutes: list[float], calibration: Calibration) -> None:
     """How much there is to win, by the share of bias variance that repeats."""
-    whole, points = CASES["bias_deg_per_h"], {}
+    points = {}
     for share in (0.0, *CASES["shares"], 1.0):
-        case = Case(
-            f"share_{share:g}",
-            bias(whole * np.sqrt(share), whole * np.sqrt(1 - share)),
-            CASES["steps"],
-            tested_on=CASES["calibration_recordings" if share in (0, 1) else "test_recordings"],
-        )
+        case = Case.of_share(share)
         tested, (learned, took, run) = case.tested(), case.trained()
         minutes.append(took)
         uppers, scores = table(report, f"{share:.0%} of the bias variance repeats", tested, learned,
@@ -274,6 +283,27 @@ def _curve(points: dict[float, list[tuple[float, float]]]) -> Figure:
     axes.grid(True, color="0.9")
     axes.legend(fontsize="small", title="points: learned; lines: the floor told the unit")
     return figure
+
+
+def echoed(report: Report, minutes: list[float], _: Calibration) -> None:
+    """What it costs to take each batch for several steps in a row, and what that saves."""
+    report.line()
+    report.line("by how often a batch is used: the worst window's RMSE over the floor that is told "
+                "the unit, and minutes")  # fmt: skip
+    worst = 0.0
+    for share in CASES["echoed_shares"]:
+        tested = Case.of_share(share).tested()
+        for echo in (CASES["echo"], CASES["echoed"]):
+            learned, took, _ = Case.of_share(share, echo).trained()
+            found = [tested.scores(learned, window) for window in CASES["windows_s"]]
+            over = max((s["learned"].over(s["told"]) for s in found), key=lambda ratio: ratio.value)
+            report.line(f"  {share:4.0%} repeats, {echo} steps a batch: {over.value:.4f} "
+                        f"({over.low:.4f} to {over.high:.4f}), {took:.2f} minutes")  # fmt: skip
+            if echo == CASES["echoed"]:
+                worst = max(worst, over.value)
+            else:
+                minutes.append(took)
+    report.summary["echoed_over_floor_max"] = worst
 
 
 def unseen_units(report: Report, minutes: list[float], calibration: Calibration) -> None:
@@ -433,6 +463,7 @@ def real(report: Report, minutes: list[float], _: Calibration) -> None:
 
 PARTS: dict[str, Callable[[Report, list[float], Calibration], None]] = {
     "share": by_share,
+    "echo": echoed,
     "unseen": unseen_units,
     "turned": turned,
     "stored": stored_against_streamed,
