@@ -118,14 +118,14 @@ def run_main(
         except InputError as error:
             sys.exit(_conclude(directory, summary) or _said(error, 2))
         except (HydraException, OmegaConfBaseException, RecursionError) as error:
-            print(f"error: {printable(_message_of(error))}", file=sys.stderr)
+            ending.say(f"error: {printable(_message_of(error))}")
             sys.exit(2)
         except OSError as error:
             _conclude(directory, summary)
-            print(f"error: {ending.said(error)}", file=sys.stderr)
+            ending.say(f"error: {ending.said(error)}")
             sys.exit(2)
         except KeyboardInterrupt:
-            print("interrupted; run the same command again to go on", file=sys.stderr)
+            ending.say("interrupted; run the same command again to go on")
             sys.exit(128 + told.number)
         except Exception as error:
             own_fault = fault.reported(error)
@@ -158,7 +158,7 @@ def _run(
 
 def _said(error: Exception, code: int) -> int:
     """The exit code, once the error is printed."""
-    print(f"error: {error}", file=sys.stderr)
+    ending.say(f"error: {error}")
     return code
 
 

@@ -52,14 +52,17 @@ class Signals:
 
 class Stream:
     """A text stream that may be lost: its reader is gone, or its disk is full. What is written from
-    then on is dropped, and the work goes on. lost : the error by which it was lost."""
+    then on is dropped, and the work goes on. lost : the error by which it was lost; within_line :
+    whether a line was begun, as by a progress bar, and not ended."""
 
     def __init__(self, stream: Any):
         self._stream = open(os.devnull, "w") if stream is None else stream  # noqa: SIM115
         self.lost: OSError | None = None
+        self.within_line = False
 
     def write(self, text: str) -> int:
         """Write the text, or drop it."""
+        self.within_line = text[-1] not in "\r\n" if text else self.within_line
         try:
             self._stream.write(text)
         except OSError as error:
@@ -103,11 +106,16 @@ def streams() -> Iterator[Stream]:
         sys.stdout, sys.stderr = before
 
 
+def say(line: str) -> None:
+    """Print a line on standard error, below a progress bar that stands there."""
+    print("\n" * getattr(sys.stderr, "within_line", False) + line, file=sys.stderr)
+
+
 def unprinted(lost: OSError) -> int:
     """Say that standard output was lost, and give the command's exit code: that of a program which
     a closed pipe ends, or that of a wrong input."""
     why = "the work is done, but not all was printed"
-    print(f"error: standard output = {lost.strerror}: {why}", file=sys.stderr)
+    say(f"error: standard output = {lost.strerror}: {why}")
     return 128 + signal.SIGPIPE if lost.errno == errno.EPIPE else 2
 
 

@@ -47,6 +47,14 @@ def as_json(content: Any, indent: int | None = 2, sort_keys: bool = False) -> st
     return json.dumps(_standard(content), indent=indent, sort_keys=sort_keys, allow_nan=False)
 
 
+def listed(directory: Path, pattern: str) -> list[Path]:
+    """What a directory holds by a pattern, in order of name; nothing where there is no directory.
+    Raises OSError where it cannot be read, in which glob finds nothing."""
+    if directory.is_dir():
+        os.listdir(directory)
+    return sorted(directory.glob(pattern))
+
+
 def printable(text: str) -> str:
     """Text from outside made safe for a terminal: control characters, which could change its
     colours, cursor or title, marks that turn the direction of writing, characters that nobody

@@ -1,7 +1,8 @@
 """Reading of a user's own YAML files, those of `--config-dir DIR`: DIR/imu/mine.yaml for imu=mine.
 
-Such a file is data. It is parsed without tags, merge keys and interpolations, within bounds, and
-has keys of its group's dataclass only; nothing that it says configures Hydra or names code.
+Such a file is data, and lies in DIR: a link that leads elsewhere is refused. It is parsed without
+tags, merge keys and interpolations, within bounds, and has keys of its group's dataclass only;
+nothing that it says configures Hydra or names code.
 """
 
 import re
@@ -14,6 +15,7 @@ from typing import Any, ClassVar, get_args, get_type_hints
 import yaml
 
 from lbgc.errors import InputError, require, require_choice
+from lbgc.outputs import listed
 
 GROUPS = ("imu", "scene", "protocol", "model", "log", "experiment")
 """Groups of which files can be brought along. A cluster cannot: its scheduler is trusted with
@@ -59,7 +61,7 @@ def read(directory: Path, group: str, config_class: type) -> dict[str, Any]:
 
     config_class : dataclass whose keys the files have.
     """
-    files = sorted((directory / group).glob("*.yaml"))
+    files = listed(directory / group, "*.yaml")
     most = f"holds more than {_MOST_FILES} files"
     require(len(files) <= _MOST_FILES, "--config-dir", directory / group, most)
     found: dict[str, Any] = {}
@@ -81,6 +83,8 @@ def _checked(file: Path, group: str, config_class: type) -> dict[str, Any]:
     """A file's values. Raises ValueError, with the reason, where it is refused."""
     if not file.is_file():
         raise ValueError("no file")
+    if not file.resolve().is_relative_to(file.parent.parent.resolve()):
+        raise ValueError("a link that leads out of the directory")
     if not _NAME.fullmatch(file.stem):
         raise ValueError(f"a name is made of letters, digits and ._+-, not {file.stem}")
     with file.open("rb") as opened:

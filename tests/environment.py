@@ -119,6 +119,7 @@ def _become(cwd: str, said: str, argv: list[str], **how: Any) -> None:
     sys.stdout = None if how.get("out") == "closed" else open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", closefd=False, buffering=1)  # noqa: SIM115
     if "largest" in how:
+        _relayed(2)  # so that what is said is not cut off at that length
         resource.setrlimit(resource.RLIMIT_FSIZE, (how["largest"],) * 2)
     if not how.get("links", True):
         os.symlink = _no_link
@@ -142,6 +143,22 @@ def _drop_rights() -> None:
     os.setgroups([])
     os.setgid(NOBODY)
     os.setuid(NOBODY)
+
+
+def _relayed(number: int) -> None:
+    """Let another process do the command's work, and write here what that one writes to a file's
+    number; this one then ends as that one does."""
+    reader, writer = os.pipe()
+    at_work = os.fork()
+    if at_work == 0:
+        os.close(reader)
+        os.dup2(writer, number)
+        os.close(writer)
+        return
+    os.close(writer)
+    while said := os.read(reader, 65536):
+        os.write(number, said)
+    os._exit(os.waitstatus_to_exitcode(os.waitpid(at_work, 0)[1]))
 
 
 def _no_link(*_: object, **__: object) -> None:

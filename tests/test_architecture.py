@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "lbgc.outputs": set(),
     "lbgc.earth": set(),
     "lbgc.frames": set(),
-    "lbgc.user_yaml": {"lbgc.errors"},
+    "lbgc.user_yaml": {"lbgc.errors", "lbgc.outputs"},
     "lbgc.command_line": {"lbgc.errors"},
     "lbgc.cores": set(),
     "lbgc.processes": set(),

@@ -59,6 +59,14 @@ def test_told_to_end_it_says_one_line(number, code, ended):
     assert ended(lambda: signal.raise_signal(number)) == (code, said)
 
 
+def test_what_is_said_stands_below_a_progress_bar(ended):
+    def interrupted() -> None:
+        print("reading:  10%", end="", file=sys.stderr)
+        raise KeyboardInterrupt
+
+    assert ended(interrupted)[1].startswith("reading:  10%\ninterrupted; ")
+
+
 def test_what_is_ignored_stays_ignored(ended):
     """As under nohup."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)

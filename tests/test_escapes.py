@@ -80,6 +80,20 @@ def test_a_sweep_goes_over_them(cli, mine):
     assert [name in done.out for name in ("mine", "twice")] == [True, True]
 
 
+def test_a_link_stays_in_the_directory(cli, mine, tmp_path):
+    """One to a file within is as good as the file; one that leads out could show what is there."""
+    (tmp_path / "secret.yaml").write_text("name: secret")
+    (mine / "imu/within.yaml").symlink_to("twice.yaml")
+    (mine / "imu/without.yaml").symlink_to(tmp_path / "secret.yaml")
+    (mine / "protocol").rename(tmp_path / "elsewhere")
+    (mine / "protocol").symlink_to(tmp_path / "elsewhere")
+    asked = ("--config-dir", str(mine))
+    assert composed(cli, "lbgc.bound", *asked, "imu=within").imu["name"] == "twice"
+    for group, name in (("imu", "without"), ("protocol", "slow")):
+        done = cli("lbgc.bound", *asked, f"{group}={name}")
+        assert f"{name}.yaml: is refused (a link that leads out of the directory)" in done.err
+
+
 @pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
 def test_a_sweep_goes_over_them_in_other_processes(mine, launcher):
     pytest.importorskip(f"hydra_plugins.hydra_{launcher.split('_')[0]}_launcher")

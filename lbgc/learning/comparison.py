@@ -14,7 +14,15 @@ from lbgc.errors import InputError
 from lbgc.learning import description
 from lbgc.learning.description import DESCRIPTION
 from lbgc.learning.estimator import compute_torch, load_net
-from lbgc.outputs import as_csv, as_json, fingerprint, mark_latest, task_directory, write_atomically
+from lbgc.outputs import (
+    as_csv,
+    as_json,
+    fingerprint,
+    listed,
+    mark_latest,
+    task_directory,
+    write_atomically,
+)
 
 _REPEATS = 20
 
@@ -58,7 +66,7 @@ def tabulated(found: Sequence[tuple[Path, dict[str, Any]]]) -> Path:
 def runs(directory: Path) -> list[tuple[Path, dict[str, Any]]]:
     """The finished runs in a directory, with their descriptions. A training that has not ended has
     no description and is left out, as is a damaged one. Raises InputError where none is left."""
-    files = [f for f in sorted(directory.glob(f"*/{DESCRIPTION}")) if not f.parent.is_symlink()]
+    files = [f for f in listed(directory, f"*/{DESCRIPTION}") if not f.parent.is_symlink()]
     good = []
     for file in files:
         try:

@@ -24,7 +24,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing import active_children, get_context, set_forkserver_preload
@@ -274,14 +274,20 @@ def orphans(
     report: Report, server: Server, home: Path, rng: np.random.Generator, module: str, *options: str
 ) -> int:
     """How many processes are left of a command that is killed while others work for it."""
-    cwd = home / f"killed {rng.integers(1 << 30)}"
-    cwd.mkdir()
-    process = server.begin(cwd, module, *(o.format(given=home / "given") for o in options))
-    while len(working := left_of(process)) < 2:
-        assert process in working, f"{module} was over before processes worked for it"
-        time.sleep(0.05)
-    time.sleep(rng.uniform())
-    working = left_of(process)
+    for _ in range(9):  # a short command may be over before it is looked at
+        cwd = home / f"killed {rng.integers(1 << 30)}"
+        cwd.mkdir()
+        process = server.begin(cwd, module, *(o.format(given=home / "given") for o in options))
+        while process in (working := left_of(process)) and len(working) < 2:
+            time.sleep(0.01)
+        time.sleep(rng.uniform())
+        if process in (working := left_of(process)) and len(working) > 1:
+            break
+        with suppress(ProcessLookupError):  # it was over
+            os.kill(process, signal.SIGKILL)
+        done = server.end()
+    else:
+        raise AssertionError(f"{module} was never killed with others at work: {done.err}")
     os.kill(process, signal.SIGKILL)
     assert server.end().code == -signal.SIGKILL
     until = time.monotonic() + 5

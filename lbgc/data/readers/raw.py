@@ -85,7 +85,7 @@ def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `recordings`, for the published layout: one CSV file a recording, with the heading
     in whole degrees at the end of its name."""
-    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    files = outputs.listed(path, "*.csv") if path.is_dir() else [path]
     require(bool(files), "log.path", path, "holds no CSV files")
     for file in files:
         with reading("log.path", file):
