@@ -7,7 +7,6 @@ Commands run in processes that a server forks, with everything imported, and tha
 
 import ctypes
 import errno
-import json
 import os
 import re
 import resource
@@ -22,6 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import programs
+from programs import lead, serve
 
 NOBODY = 65534
 LONG = "n" * 300
@@ -59,53 +60,28 @@ class Ended:
         return [line for line in every if line.strip() and not _PROGRESS.search(line)]
 
 
-class Server:
+class Server(programs.Server):
     """Forks a process for each command."""
 
     def __init__(self) -> None:
-        self._server = subprocess.Popen([sys.executable, __file__], text=True, bufsize=1,
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
+        super().__init__(__file__)
 
-    def begin(self, cwd: Path, module: str, *arguments: str, **how: Any) -> int:
+    def begun(self, cwd: Path, module: str, *arguments: str, **how: Any) -> int:
         """Start a command in a directory; its process. how : see `_become`."""
         self._said = cwd.parent / f"{cwd.name} said"
         self._said.mkdir(exist_ok=True)
-        asked = {"cwd": str(cwd), "said": str(self._said), "argv": [module, *arguments], **how}
-        assert self._server.stdin is not None
-        self._server.stdin.write(json.dumps(asked) + "\n")
-        return self._reply()
+        return self.begin({"cwd": str(cwd), "said": str(self._said), "argv": [module, *arguments],
+                           **how})  # fmt: skip
 
-    def end(self) -> Ended:
+    def ended(self) -> Ended:
         """How the command ended that was begun."""
-        code = self._reply()
+        code = self.end()
         out, err = (self._said / name for name in ("out", "err"))
         return Ended(code, out.read_text() if out.exists() else "", err.read_text())
 
     def run(self, cwd: Path, module: str, *arguments: str, **how: Any) -> Ended:
-        self.begin(cwd, module, *arguments, **how)
-        return self.end()
-
-    def _reply(self) -> int:
-        assert self._server.stdout is not None
-        return int(self._server.stdout.readline())
-
-    def close(self) -> None:
-        """Let the server end."""
-        self._server.communicate()
-
-
-def serve() -> dict[str, Any]:
-    """In the server: fork for each request. In the forked process: return the request."""
-    requests, replies = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w")
-    for line in requests:
-        process = os.fork()
-        if process == 0:
-            requests.close()
-            replies.close()
-            return dict(json.loads(line))
-        print(process, file=replies, flush=True)
-        print(os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), file=replies, flush=True)
-    sys.exit()
+        self.begun(cwd, module, *arguments, **how)
+        return self.ended()
 
 
 def _become(cwd: str, said: str, argv: list[str], **how: Any) -> None:
@@ -114,8 +90,8 @@ def _become(cwd: str, said: str, argv: list[str], **how: Any) -> None:
     any user; links, False where the file system has none."""
     os.setsid()
     os.chdir(cwd)
-    _lead(1, how.get("out", f"{said}/out"))
-    _lead(2, f"{said}/err")
+    lead(1, how.get("out", f"{said}/out"))
+    lead(2, f"{said}/err")
     sys.stdout = None if how.get("out") == "closed" else open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", closefd=False, buffering=1)  # noqa: SIM115
     if "largest" in how:
@@ -163,20 +139,6 @@ def _relayed(number: int) -> None:
 
 def _no_link(*_: object, **__: object) -> None:
     raise OSError(errno.EPERM, os.strerror(errno.EPERM))
-
-
-def _lead(number: int, where: str) -> None:
-    """Let a file's number lead somewhere."""
-    if where == "closed":
-        os.close(number)
-        return
-    if where == "closed pipe":
-        reader, opened = os.pipe()
-        os.close(reader)
-    else:
-        opened = os.open(where, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
-    os.dup2(opened, number)
-    os.close(opened)
 
 
 def prepare(server: Server, given: Path) -> None:
@@ -316,11 +278,11 @@ class Faults:
                 self._run(cwd, module)
             self._spans[module] = time.monotonic() - started
         with self._place() as cwd:
-            process = self.server.begin(cwd, module, *self._arguments(module, ()))
+            process = self.server.begun(cwd, module, *self._arguments(module, ()))
             time.sleep(0.2 + self.rng.uniform() * 0.8 * self._spans[module])
             with suppress(ProcessLookupError):  # it was over
                 os.kill(process, number)
-            return self._wrong(self.server.end(), [128 + number, 0], again=(cwd, module))
+            return self._wrong(self.server.ended(), [128 + number, 0], again=(cwd, module))
 
     def _wrong(self, done: Ended, codes: list[int], again: tuple[Path, str] | None = None) -> str:
         """What is wrong with how a command ended, if these exit codes are right. again : where the

@@ -3,7 +3,6 @@ windows of records whose headings are known."""
 
 import os
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from programs import ran
 
 import sim.generate
 from lbgc.commands import CONF, store_defaults
@@ -80,13 +80,7 @@ def labelled(record: Record, window_s: float) -> Labelled:
 def ran_small(script: Path, where: Path) -> subprocess.CompletedProcess:
     """A study or the bench, run in a directory at its size for the tests: see small.yaml."""
     parts = (ROOT, ROOT / "tests", ROOT / "tests/studies")
-    small = {"LBGC_STUDY": "small", "PYTHONPATH": os.pathsep.join(map(str, parts))}
-    done = subprocess.run(
-        [sys.executable, str(script)],
-        cwd=where,
-        capture_output=True,
-        text=True,
-        env=os.environ | small,
-    )
+    path = os.pathsep.join(map(str, parts))
+    done = ran(script, cwd=where, LBGC_STUDY="small", PYTHONPATH=path)
     assert done.returncode == 0, done.stderr[-3000:]
     return done

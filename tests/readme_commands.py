@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from helpers import REAL_LOGS, ROOT
+from programs import ran
 
 README = (ROOT / "README.md").read_text()
 NEEDS = {"log=lasergyro": "lasergyro.imu"}
@@ -49,18 +50,22 @@ def lacking(command: str) -> str | None:
 
 
 def run(
-    command: str, home: Path, options: Sequence[str] = (), only_say: bool = True
+    command: str, home: Path, options: Sequence[str] = (), really: bool = False
 ) -> subprocess.CompletedProcess:
-    """Type it there, these options behind it; only_say : of `make`, whose rules are said and not
-    carried out."""
+    """Type it there, these options behind it. really : else the rules of `make` are only said, and
+    programs spared their imports."""
     words = shlex.split(command)
     if words[0] == "make":
-        words, home = ["make", *(["-n"] if only_say else []), *words[1:]], ROOT
+        words, home = ["make", *([] if really else ["-n"]), *words[1:]], ROOT
     elif words[0] == "source":
         words, home = ["bash", "-c", f"test -d {words[1].split('/')[0]} && {command}"], ROOT
     else:
         assert words[0] == "python"
-        words = [sys.executable, str(ROOT / words[1]), *words[2:], *options]
-    renders = "sim/scene.py" in command
-    environment = dict(os.environ) if renders else os.environ | {"MUJOCO_GL": "disable"}
+        script, options = ROOT / words[1], [*words[2:], *options]
+        if script.name != "scene.py" and not really:
+            return ran(script, *options, cwd=home)
+        words = [sys.executable, str(script), *options]
+    environment = (
+        dict(os.environ) if "scene.py" in command else os.environ | {"MUJOCO_GL": "disable"}
+    )
     return subprocess.run(words, cwd=home, capture_output=True, text=True, env=environment)

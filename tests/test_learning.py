@@ -369,6 +369,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "windows_s": "windows_s=[60]",
         "steps": "steps=6",
         "batch": "batch=50",
+        "echo": "echo=2",
         "learning_rate": "learning_rate=0.002",
         "clip": "clip=0.01",
         "validate_every": "validate_every=1",

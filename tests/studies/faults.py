@@ -277,7 +277,7 @@ def orphans(
     for _ in range(9):  # a short command may be over before it is looked at
         cwd = home / f"killed {rng.integers(1 << 30)}"
         cwd.mkdir()
-        process = server.begin(cwd, module, *(o.format(given=home / "given") for o in options))
+        process = server.begun(cwd, module, *(o.format(given=home / "given") for o in options))
         while process in (working := left_of(process)) and len(working) < 2:
             time.sleep(0.01)
         time.sleep(rng.uniform())
@@ -285,11 +285,11 @@ def orphans(
             break
         with suppress(ProcessLookupError):  # it was over
             os.kill(process, signal.SIGKILL)
-        done = server.end()
+        done = server.ended()
     else:
         raise AssertionError(f"{module} was never killed with others at work: {done.err}")
     os.kill(process, signal.SIGKILL)
-    assert server.end().code == -signal.SIGKILL
+    assert server.ended().code == -signal.SIGKILL
     until = time.monotonic() + 5
     while (left := left_of(process)) and time.monotonic() < until:
         time.sleep(0.1)

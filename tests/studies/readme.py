@@ -30,7 +30,7 @@ def main() -> None:
                 report.line(f"   left out  {command}   (no {missing} under $LBGC_REAL_LOGS)")
                 continue
             started = time.perf_counter()
-            done = run(command, Path(home), only_say=False)
+            done = run(command, Path(home), really=True)
             seconds = time.perf_counter() - started
             count += 1
             report.line(f"{seconds:9.1f} s  {command}")
