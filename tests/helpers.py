@@ -4,6 +4,7 @@ windows of records whose headings are known."""
 import os
 import subprocess
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from unittest.mock import patch
 
@@ -35,6 +36,7 @@ def needs_recording(name: str) -> pytest.MarkDecorator:
     )
 
 
+@cache
 def composed(config_class: type, name: str, *overrides: str):
     """The configuration that an entry point would be called with."""
     store_defaults(config_class)

@@ -257,6 +257,7 @@ def damages(report: Report, home: Path, case: dict, sides: dict[str, Side]) -> N
         whole, path = home / f"whole {name}", home / "damaged"
         side.write(whole, data)
         expected, files = digest(side.open(whole)), kept(whole)
+        tried = Tried(side, data, expected, case["seconds"])
         counts: dict[tuple[str, str, str], Counter[str]] = {}
         for kind, names in kinds(side, sorted(files)).items():
             for way in (*WAYS, ANOTHERS):
@@ -268,12 +269,50 @@ def damages(report: Report, home: Path, case: dict, sides: dict[str, Side]) -> N
                     shutil.copytree(whole, path)
                     if not damage(path, files, names, way, rng):
                         continue
-                    said = found_by(side, path, expected)
-                    again = mended(side, path, data, expected)
-                    said["again"] = "mended" if again else "not mended"
-                    for reader, what in said.items():
-                        counts.setdefault((reader, kind, way), Counter())[what] += 1
+                    for reader in (*READERS[type(side)], "again"):
+                        said = tried(reader, path)
+                        counts.setdefault((reader, kind, way), Counter())[said] += 1
+        tried.end()
         tables(report, name, counts)
+
+
+class Tried:
+    """What is tried on damage, in a process that is ended where it takes more than so many seconds:
+    a repository whose history leads back to itself is read for ever."""
+
+    def __init__(self, side: Side, data: Made, whole: str, seconds: float):
+        self._given, self._seconds = (side, data, whole), seconds
+        self._begin()
+
+    def _begin(self) -> None:
+        context = get_context("forkserver")
+        self._asked, theirs = context.Pipe()
+        self._process = context.Process(target=trying, args=(*self._given, theirs), daemon=True)
+        self._process.start()
+        self._asked.recv()
+
+    def __call__(self, reader: str, path: Path) -> str:
+        self._asked.send((reader, path))
+        if self._asked.poll(self._seconds):
+            return str(self._asked.recv())
+        self.end()
+        self._begin()
+        return "never ended"
+
+    def end(self) -> None:
+        self._process.kill()
+        self._process.join()
+
+
+def trying(side: Side, data: Made, whole: str, asked: Any) -> None:
+    """In that process: say what is found, and the same command again mends, as it is asked."""
+    asked.send(None)
+    while True:
+        reader, path = asked.recv()
+        if reader == "again":
+            asked.send("mended" if mended(side, path, data, whole) else "not mended")
+        else:
+            asked.send(noticed(partial(READERS[type(side)][reader], side, path), whole))
 
 
 def damage(
@@ -288,19 +327,21 @@ def damage(
     return not (path / name).exists() or (path / name).read_bytes() != files[name]
 
 
-def found_by(side: Side, path: Path, whole: str) -> dict[str, str]:
-    """What each reader is told of damage."""
-    if isinstance(side, Icechunk):
-        return {"reader": noticed(lambda: side.open(path), whole)}
+def checked(side: Side, path: Path) -> zarr.Group:
+    """As our commands open a dataset."""
+    side.verify(path)
+    return side.open(path)
 
-    def checked() -> zarr.Group:
-        side.verify(path)
-        return side.open(path)
 
-    def plain() -> zarr.Group:
-        return zarr.open_group(path, mode="r", zarr_format=3)
+def plain(_: Side, path: Path) -> zarr.Group:
+    """As Zarr opens it for anybody."""
+    return zarr.open_group(path, mode="r", zarr_format=3)
 
-    return {"product": noticed(checked, whole), "plain": noticed(plain, whole)}
+
+READERS: dict[type, dict[str, Callable[[Any, Path], zarr.Group]]] = {
+    Ours: {"product": checked, "plain": plain},
+    Icechunk: {"reader": Icechunk.open},
+}
 
 
 def mended(side: Side, path: Path, data: Made, whole: str) -> bool:
