@@ -13,6 +13,7 @@ import numpy as np
 from lbgc.commands import run_main
 from lbgc.data import logs
 from lbgc.data.checks import rest
+from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import Record
 from lbgc.data.static import AXES
 from lbgc.data.store import Dataset
@@ -51,7 +52,7 @@ class CalibrateConfig:
     """degrees, of those means"""
     data: str | None = None
     """Or a dataset of resting recordings of one unit; its references are the headings."""
-    log: logs.LogConfig | None = None
+    log: NoiseLog | None = None
     """Or recordings with known headings, such as log=sdc500."""
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -174,6 +174,7 @@ def _brought(config_class: type) -> Iterator[None]:
         for place in Path(CONF).iterdir()
         if place.is_dir()
     }
+    overrides = [*overrides, *_log_of_a_file(overrides, config_class)]
     for group, _, value in (own.lstrip("+").partition("=") for own in overrides):
         if value == "~" and group in groups:  # YAML's null, and no word of Hydra's
             raise InputError(group, value, "", groups[group])
@@ -198,6 +199,14 @@ def _brought(config_class: type) -> Iterator[None]:
             del os.environ[machine.VERIFY]
         for group in user_yaml.GROUPS:
             ConfigStore.instance().repo.pop(group, None)
+
+
+def _log_of_a_file(overrides: Sequence[str], config_class: type) -> list[str]:
+    """The override that `log.path=FILE` alone stands for, in commands that take a log."""
+    schema = user_yaml.group_of(get_type_hints(config_class).get("log"))
+    takes = schema is not None and "reader" in {own.name for own in fields(schema)}
+    keys = {own.lstrip("+").partition("=")[0] for own in overrides}
+    return ["log=auto"] if takes and "log.path" in keys and "log" not in keys else []
 
 
 def _store_files(directory: Path, config_class: type) -> dict[str, InputError]:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.commands import run_main
-from lbgc.data import logs
+from lbgc.data.looking.auto import AnyLog
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, build, require, require_choice, require_positive
@@ -46,7 +46,7 @@ class EvaluateConfig:
 
     data: str | None = None
     """A dataset's path; or give a log."""
-    log: logs.LogConfig | None = None
+    log: AnyLog | None = None
     """A real log."""
     run: str | None = None
     """A training run's directory, to evaluate its model too."""

@@ -1,6 +1,6 @@
 """Fit a sensor's noise to its own static log, or to a dataset.
 
-python lbgc/fit.py log=csv log.path=mine.csv log.latitude=48.1 name=mine
+python lbgc/fit.py log.path=mine.csv log.latitude=48.1 name=mine
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from lbgc.commands import CONF, run_main
 from lbgc.data import logs
+from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
@@ -42,7 +43,7 @@ SHORTEST_S = 60.0
 class FitConfig:
     """The keys of `conf/fit.yaml`."""
 
-    log: logs.LogConfig | None = None
+    log: NoiseLog | None = None
     """A static log."""
     data: str | None = None
     """Or a dataset of resting recordings, whose noise is pooled."""

@@ -30,6 +30,7 @@ import lbgc.export
 import lbgc.fit
 import lbgc.info
 import lbgc.learning.comparison
+import lbgc.look
 import lbgc.train
 import sim.generate
 import sim.render
@@ -42,6 +43,7 @@ ENTRY_POINTS = {
     "lbgc.fit": (lbgc.fit.main, lbgc.fit.FitConfig, "fit"),
     "lbgc.calibrate": (lbgc.calibrate.main, lbgc.calibrate.CalibrateConfig, "calibrate"),
     "lbgc.info": (lbgc.info.main, lbgc.info.InfoConfig, "info"),
+    "lbgc.look": (lbgc.look.main, lbgc.look.LookConfig, "look"),
     "lbgc.train": (
         *(lbgc.train.main, lbgc.train.TrainConfig, "train"),
         *(lbgc.train.validation_error, lbgc.learning.comparison.show),

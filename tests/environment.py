@@ -33,6 +33,7 @@ COMMANDS = {
     "lbgc.fit": ("data={given}/rest.zarr",),
     "lbgc.calibrate": ("means={given}/means.csv", "latitude=48"),
     "lbgc.info": ("data={given}/means.zarr",),
+    "lbgc.look": ("files=[{given}/log.csv]", "log.latitude=48.1"),
     "lbgc.train": ("data={given}/means.zarr", "steps=40", "experiment=residual",
                    "windows_s=[10,30]", "checkpoint_every=5"),
     "lbgc.evaluate": ("data={given}/means.zarr", "run={given}/outputs/train/latest",
@@ -41,7 +42,7 @@ COMMANDS = {
     "lbgc.compare": ("runs={given}/outputs/train",),
 }  # fmt: skip
 """Every command as it succeeds; what it reads lies in the directory `given`."""
-READS = ("data", "run", "runs", "means")
+READS = ("data", "run", "runs", "means", "files")
 _PROGRESS = re.compile(r"%\||\d+(rec|step|shard|it)? \[|it/s\]|/s\]")
 
 
@@ -157,6 +158,10 @@ def prepare(server: Server, given: Path) -> None:
     rows = np.stack([heading, *rates, np.full(12, -0.0031)], 1)
     rows[:, 1:] += 1e-5 * rng.standard_normal((12, 3))
     head = "heading_deg,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
+    log = np.array([0, -0.0028, -0.0031, 0, 0, -1]) + 1e-4 * rng.standard_normal((3000, 6))
+    stamped = np.column_stack([np.arange(3000) / 100, log])
+    names = "time (s),gx (deg/s),gy (deg/s),gz (deg/s),ax (g),ay (g),az (g)"
+    np.savetxt(given / "log.csv", stamped, delimiter=",", header=names, comments="", fmt="%.7g")
     np.savetxt(given / "means.csv", rows, delimiter=",", header=head, comments="")
 
 

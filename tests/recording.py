@@ -39,7 +39,8 @@ COMMANDS = {
     path.removesuffix(".py").replace("/", "."): path
     for path in (
         *("sim/generate.py", "sim/scene.py", "lbgc/bound.py", "lbgc/fit.py", "lbgc/calibrate.py"),
-        *("lbgc/info.py", "lbgc/train.py", "lbgc/export.py", "lbgc/compare.py", "lbgc/evaluate.py"),
+        *("lbgc/info.py", "lbgc/look.py", "lbgc/train.py", "lbgc/export.py", "lbgc/compare.py"),
+        "lbgc/evaluate.py",
     )
 }
 

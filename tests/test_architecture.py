@@ -67,6 +67,7 @@ ENTRY_POINTS = (
     "lbgc/fit.py",
     "lbgc/info.py",
     "lbgc/calibrate.py",
+    "lbgc/look.py",
     "lbgc/train.py",
     "lbgc/export.py",
     "lbgc/compare.py",
@@ -80,7 +81,8 @@ ROOMS = {
     "fsspec": {"lbgc/data/place.py"},
     "pyarrow": {"lbgc/data/readers/tables.py"},
     "mujoco": {"sim/turntable.py", "sim/physics.py", "sim/render.py", "sim/opengl.py"},
-    "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py", "lbgc/report/allan_page.py"},
+    "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py", "lbgc/report/allan_page.py",
+                   "lbgc/report/look_page.py"},
     "PIL": {"sim/render.py"},
     "distributed": {"sim/cluster.py"},
     "fcntl": {"lbgc/data/place.py", "lbgc/outputs.py"},
@@ -99,7 +101,7 @@ FILM_MAKING = {("sim/render.py", "matplotlib")}
 # Half a second and more to import; who starts without waiting for it.
 SLOW = {
     "torch": {"lbgc/bound.py", "lbgc/fit.py", "lbgc/info.py", "lbgc/calibrate.py",
-              "lbgc/evaluate.py", "sim/generate.py", "sim/scene.py"},
+              "lbgc/evaluate.py", "lbgc/look.py", "sim/generate.py", "sim/scene.py"},
     "matplotlib": {"lbgc/calibrate.py", "lbgc/export.py", "lbgc/compare.py", "sim/generate.py",
                    "sim/scene.py"},
     "scipy.signal": {"lbgc/bound.py", "lbgc/info.py", "lbgc/calibrate.py", "lbgc/train.py",

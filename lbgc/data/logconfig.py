@@ -54,6 +54,10 @@ class LogConfig:
     """What is done with rows that are printed again until the sensor's next sample. auto: they are
     read at the sensor's own rate where they repeat regularly, and refused otherwise; drop: rows
     equal to the one before are left out; keep: each row is a sample."""
+    from_s: float = 0.0
+    """Seconds at the log's start that are left out, counted by its samples."""
+    to_s: float | None = None
+    """Seconds after the start from which on the rest is left out, likewise; null: none is."""
     gyro_unit: str = "rad/s"
     """Unit of the gyro columns: of a rate, or of an increment a sample (rad, deg, arcsec); auto: as
     the columns' names say, deg/s where they say nothing."""
@@ -111,6 +115,12 @@ class LogConfig:
             require_choice("accept", name, CHECKS)
         for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
+        require(
+            0 <= self.from_s < np.inf, "from_s", self.from_s, "must be zero or more, and finite"
+        )
+        if self.to_s is not None:
+            good = self.from_s < self.to_s < np.inf
+            require(good, "to_s", self.to_s, f"must be above from_s = {self.from_s:g}, and finite")
         if self.rate_hz is not None:
             good = 0 < self.rate_hz < np.inf
             require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")

@@ -1,5 +1,6 @@
 """Conversion of real logs to records, which from then on are treated like simulated ones."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -52,16 +53,29 @@ def _records(raw: Raw) -> Iterator[Record]:
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
     raw = without_printed_twice(raw)
-    clock = _timing(raw)
+    clock = clock_of(raw)
     rows = np.hstack([raw.gyro, raw.accel])
-    for number, piece in enumerate(clock.pieces, start=1):
-        name = raw.name if len(clock.pieces) == 1 else f"{raw.name} part {number}"
+    pieces = _within(clock, raw.config, raw.name)
+    for number, piece in enumerate(pieces, start=1):
+        name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
         values, rate, notes = sampled(name, rows[piece], clock.rate_hz, raw.config.repeats)
         own = replace(raw, name=name, gyro=values[:, :3], accel=values[:, 3:])
         yield _record(own, rate, (*raw.notes, *clock.notes, *notes))
 
 
-def _timing(raw: Raw) -> EvenPieces:
+def _within(clock: EvenPieces, config: LogConfig, name: str) -> list[slice]:
+    """The pieces' rows between the times that the configuration has."""
+    first = round(config.from_s * clock.rate_hz)
+    last = math.inf if config.to_s is None else round(config.to_s * clock.rate_hz)
+    cut = [slice(max(p.start, first), int(min(p.stop, last))) for p in clock.pieces]
+    kept = [piece for piece in cut if piece.stop - piece.start > 1]
+    end = max(piece.stop for piece in clock.pieces) / clock.rate_hz
+    about = f"leaves nothing of {name}, which ends at {end:g} s"
+    require(bool(kept), "log.from_s", config.from_s, about)
+    return kept
+
+
+def clock_of(raw: Raw) -> EvenPieces:
     """The log's rate and pieces by its time stamps, or by the stated rate where it has none."""
     stated = raw.config.rate_hz
     if raw.stamps is None:

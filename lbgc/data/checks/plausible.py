@@ -91,7 +91,7 @@ def resting(record: Record, config: LogConfig, imu: ImuModel | None) -> Resting:
         stated,
         record.accel.mean(axis=0),
         record.latitude,
-        _unsteady(record.gyro),
+        unsteady(record.gyro),
         limit,
     )
 
@@ -121,7 +121,7 @@ def mean_noise(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(variance + excess))
 
 
-def _unsteady(values: np.ndarray) -> float:
+def unsteady(values: np.ndarray) -> float:
     """1 sigma of the means over eighths of values (T, 3), of the column that varies most."""
     size = len(values) // 8
     if size == 0:
@@ -240,21 +240,9 @@ def rate_finding(rest: Resting, config: LogConfig, rate_hz: float, north: bool) 
 
 def _odds_of_units(rest: Resting, stated: str, rate_hz: float) -> dict[str, float]:
     """The odds of each other unit against the stated one, given the mean rate, where every order of
-    magnitude of the bias is equally probable.
-
-    The density of a mean w is then about |w - e|^-3, averaged over Earth's rates e at all headings
-    and bounded at the noise. With another unit w becomes c w, and the density c^3 times that at
-    c w.
-    """
-
-    def density(c: float) -> float:
-        earth = _possible(rest.force, rest.latitude, _ANGLES)
-        floor = (0.005 * EARTH_RATE) ** 2 + float(np.sum((c * rest.noise) ** 2))
-        square = np.sum((c * rest.rate - earth) ** 2, axis=1) + floor
-        return c**3 * float(np.mean(square**-1.5))
-
+    magnitude of the bias is equally probable."""
     own = rate_factor(stated, rate_hz)
-    least = density(1.0)
+    least = density(rest, 1.0)
     odds = {}
     for unit in (*RATE_UNITS, *ANGLE_UNITS):
         c = rate_factor(unit, rate_hz) / own
@@ -262,5 +250,18 @@ def _odds_of_units(rest: Resting, stated: str, rate_hz: float) -> dict[str, floa
         fits = float(np.linalg.norm(off)) <= max(rest.limit, 5 * c * float(rest.noise.max()))
         if unit != stated and fits:
             same_kind = (unit in RATE_UNITS) == (stated in RATE_UNITS)
-            odds[unit] = density(c) / least * (1.0 if same_kind else _OTHER_KIND)
+            odds[unit] = density(rest, c) / least * (1.0 if same_kind else _OTHER_KIND)
     return odds
+
+
+def density(rest: Resting, c: float) -> float:
+    """The density of a mean rate w if it were c times as large, s^3, but for a constant, where
+    every order of magnitude of the bias is equally probable.
+
+    It is about |w - e|^-3, averaged over Earth's rates e at all headings and bounded at the noise.
+    With another unit w becomes c w, and the density c^3 times that at c w.
+    """
+    earth = _possible(rest.force, rest.latitude, _ANGLES)
+    floor = (0.005 * EARTH_RATE) ** 2 + float(np.sum((c * rest.noise) ** 2))
+    square = np.sum((c * rest.rate - earth) ** 2, axis=1) + floor
+    return c**3 * float(np.mean(square**-1.5))

@@ -79,7 +79,7 @@ def only_file(path: Path, named: str | Path) -> Path:
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `table`: the one recording of a CSV or Parquet file with named columns."""
-    yield _from_sheet(sheet(only_file(path, config.path)), outputs.shown(path.stem), config)
+    yield of_sheet(sheet(only_file(path, config.path)), outputs.shown(path.stem), config)
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
@@ -96,10 +96,10 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
         if heading is None and found:
             heading = float(found[1])
         own = sheet(only_file(file, file))
-        yield _from_sheet(own, outputs.shown(file.name), replace(config, heading_deg=heading))
+        yield of_sheet(own, outputs.shown(file.name), replace(config, heading_deg=heading))
 
 
-def _from_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
+def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
     """The recording in a sheet of named columns."""
     which = picked(own, config)
     values, notes = own.columns([*which.gyro, *which.accel, *which.time])

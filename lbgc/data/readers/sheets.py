@@ -6,7 +6,7 @@ Nothing in a file is evaluated. Rows that do not fit are refused, with the numbe
 import codecs
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,8 @@ _HELD = 4.0
 """Bytes of memory for each byte of a text file while it is read."""
 _HEAD = 4 * 2**20
 """Bytes at a file's start in which its layout is looked for."""
+_HEAD_ROWS, _HEAD_ROW = 100_000, 120
+"""Rows of a sheet's head, and bytes of such a row of text."""
 _SHOWN = 60
 """Characters of a file's text that a message shows, at most."""
 _MARKS = (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (
@@ -66,6 +68,12 @@ class Sheet:
     def has_header(self) -> bool:
         """Whether any column has a name."""
         return any(self.names)
+
+    def head(self) -> "Sheet":
+        """The sheet with its first rows alone, some 100,000."""
+        if isinstance(self.source, _Text):
+            return replace(self, source=self.source.head())
+        return replace(self, source=tables.head(self.source, _HEAD_ROWS))
 
     def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
         """Read columns by position, each (T,): float64, int64 where they are whole numbers of more
@@ -137,6 +145,13 @@ class _Text:
     """The layout of its rows"""
     file: str
     """The file's name in messages"""
+
+    def head(self) -> "_Text":
+        """Its first lines alone."""
+        most = _HEAD_ROWS * _HEAD_ROW
+        if len(self.content) <= most:
+            return self
+        return replace(self, content=self.content[: self.content.rindex(b"\n", 0, most) + 1])
 
     def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
         """The columns as `Sheet.columns` gives them: by the fast parser, without a last line that

@@ -85,6 +85,11 @@ def parsed(
         return None
 
 
+def head(table: Table, rows: int) -> Table:
+    """A table's first rows."""
+    return table.slice(0, rows)
+
+
 def column(table: Table, at: int) -> np.ndarray:
     """A column by its position: float64, int64, datetime64 or timedelta64, or text where it holds
     no numbers."""

@@ -1,0 +1,52 @@
+"""A log that is described by its file alone: `log.path=FILE`, where the doctor is sure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from lbgc.data.logconfig import LogConfig
+from lbgc.data.looking.doctor import looked
+from lbgc.data.readers.raw import find
+from lbgc.errors import InputError, require
+from lbgc.outputs import shown
+
+AUTO = "auto"
+"""The reader of a log whose description is found."""
+
+
+@dataclass(frozen=True)
+class AnyLog(LogConfig):
+    """A log's description; with the reader `auto`, what it does not say is found in the file."""
+
+    for_heading: ClassVar[bool] = True
+    """Whether a heading is asked for, so that doubts which concern nothing else are asked about."""
+
+    @classmethod
+    def adopted(cls, mapping: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The keys of a description, found where the reader is `auto`, and then printed. Raises
+        InputError, naming the key, where the file does not tell them."""
+        if mapping.get("reader") != AUTO:
+            return mapping
+        said = {key: value for key, value in mapping.items() if value is not None}
+        path = str(said.pop("path", ""))
+        require(bool(path), "path", path, "must name a file")
+        del said["reader"]
+        look = looked(find(path), said)
+        asked = [own for own in look.asks if cls.for_heading or not own.heading_only]
+        for guess in asked:
+            about = f"is not told by the file: {guess.doubt} {guess.why}"
+            raise InputError(guess.key, None, "", f"{about} (python lbgc/look.py {shown(path)})")
+        if cls.for_heading and look.refusal is not None:
+            raise look.refusal
+        for guess in look.guesses:
+            if guess.value is not None:
+                about = f"; {guess.doubt}" if guess.doubt else ""
+                print(f"found log.{guess.key}={guess.written}: {guess.why}{about}")
+        return look.keys
+
+
+@dataclass(frozen=True)
+class NoiseLog(AnyLog):
+    """The same of which no heading is asked for."""
+
+    for_heading: ClassVar[bool] = False

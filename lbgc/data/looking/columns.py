@@ -1,0 +1,215 @@
+"""Which of a sheet's columns are gyros, accelerometers, time, temperature and plate angle: by their
+names where these tell it, and by their values otherwise.
+
+A resting accelerometer is known by its length: three neighbours whose mean vector has 1 g. The
+gyros are then the other three columns, where there is only one way to take them.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+import numpy as np
+
+from lbgc.data.looking.guess import Guess
+from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
+from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.units import FORCE_UNITS, STANDARD_GRAVITY
+
+_MOST = 40
+"""Columns that are looked at."""
+_NEAR_G = 0.05
+"""The relative difference from 1 g up to which three columns may be accelerometers: with a bias of
+50 mg, far from Earth's poles."""
+_ALIKE = 5.0
+"""The most that the noise of a triad's axes differs, as a ratio."""
+_ONE_MAKE = 1.5
+"""The most that it usually does."""
+_OTHERS = {
+    "temperature": re.compile(r"(^|[^a-z])(temp|temperature|temperatur|tmp|degc|kelvin)", re.I),
+    "plate": re.compile(r"(^|[^a-z])(plate|table|turntable|stage|encoder|azimuth)", re.I),
+}
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns of a sheet by what they hold, counted from zero; None or empty where they are not
+    found."""
+
+    gyro: tuple[int, ...]
+    accel: tuple[int, ...]
+    time: tuple[int, ...]
+    temperature: int | None
+    plate: int | None
+    guesses: tuple[Guess, ...]
+    """The keys of `LogConfig` that name them"""
+
+
+@dataclass(frozen=True)
+class _Column:
+    """What the values of one numeric column look like."""
+
+    at: int
+    mean: float
+    noise: float
+    """1 sigma from row to row"""
+    rises: bool
+    """Whether it never falls, and rises"""
+    counts: bool
+    """Whether it rises by one each row"""
+
+
+def find(sheet: Sheet) -> Columns:
+    """Find a sheet's columns. What is not found has a guess without a value, which says why."""
+    says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
+    numeric = list(_numeric(sheet))
+    time, when = _time(sheet, says, numeric)
+    others = {name: _named(sheet, name) for name in _OTHERS}
+    taken = {*time, *(at for at in others.values() if at is not None)}
+    six, which = _by_name(sheet, says), None
+    if six is None:
+        six, which = _by_value(sheet, [c for c in numeric if c.at not in taken], says)
+    guesses = [which] if which is not None else []
+    guesses += [when] if when is not None else []
+    return Columns(
+        tuple(six[:3]), tuple(six[3:]), time, others["temperature"], others["plate"], tuple(guesses)
+    )
+
+
+def named(sheet: Sheet, at: int) -> str:
+    """A column as messages call it."""
+    return shown(sheet.names[at]) or f"number {at + 1}"
+
+
+def _numeric(sheet: Sheet) -> Iterator[_Column]:
+    """The columns that hold numbers, with what their values look like."""
+    which = range(min(sheet.width, _MOST))
+    every, _ = sheet.head().columns(which)
+    for at, values in zip(which, every, strict=True):
+        if values.dtype.kind not in "fiu":
+            continue
+        own = values.astype(float)
+        steps = np.diff(own)
+        if not np.isfinite(own).all() or not len(steps):
+            continue
+        noise = float(np.median(np.abs(steps - np.median(steps)))) / 0.6745 / np.sqrt(2)
+        if noise == 0:
+            noise = float(steps.std()) / np.sqrt(2)
+        rises = bool(np.all(steps >= 0) and steps.any())
+        yield _Column(at, float(own.mean()), noise, rises, bool(np.all(steps == 1)))
+
+
+def _named(sheet: Sheet, name: str) -> int | None:
+    """The one column whose name says that it is a temperature or a plate's angle."""
+    found = [at for at, own in enumerate(sheet.names) if _OTHERS[name].search(own[:200])]
+    return found[0] if len(found) == 1 else None
+
+
+def _by_name(sheet: Sheet, says: Sequence[Described]) -> list[int] | None:
+    """Gyro and accelerometer columns by their names; None where not all six are named once."""
+    six = []
+    for kind in ("gyro", "accel"):
+        for axis in "xyz":
+            found = [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
+            if len(found) != 1:
+                return None
+            six += found
+    return six
+
+
+def _by_value(
+    sheet: Sheet, columns: Sequence[_Column], says: Sequence[Described]
+) -> tuple[list[int], Guess]:
+    """Gyro and accelerometer columns by their values, and the guess that says so; none, and the
+    guess without a value, where they are not found in one way only."""
+    triads = [
+        own
+        for own in zip(columns, columns[1:], columns[2:], strict=False)
+        if own[2].at - own[0].at == 2 and _alike(own) and not any(c.rises for c in own)
+    ]
+    found = [
+        (gyro, accel)
+        for accel in triads
+        for gyro in triads
+        if _is_one_g(accel) and not _is_one_g(gyro)
+        if abs(gyro[0].at - accel[0].at) >= 3 and _fit_names(gyro, accel, says)
+    ]
+    if len(found) > 1:  # a triad's axes are of one make, and what stands beside it is not
+        one_make = [pair for pair in found if all(_spread(triad) < _ONE_MAKE for triad in pair)]
+        others = [pair for pair in found if pair not in one_make]
+        if all(max(map(_spread, pair)) > 2 * _ONE_MAKE for pair in others):
+            found = one_make or found
+    ways = [[c.at for c in (*gyro, *accel)] for gyro, accel in found]
+    if len(ways) == 1:
+        (six,) = ways
+        one = [at + 1 for at in six]
+        why = f"{named(sheet, six[3])} to {named(sheet, six[5])} have together 1 g, and "
+        why += f"{named(sheet, six[0])} to {named(sheet, six[2])} alone can be the gyros"
+        return six, Guess("columns", one, why)
+    if not ways:
+        none = "no three columns side by side have together 1 g beside three that may be gyros"
+        return [], Guess("columns", None, none, "which six are they?", sure=False)
+    several = "; or ".join("[" + ",".join(str(at + 1) for at in six) + "]" for six in ways[:4])
+    why = f"several may be: {several}"
+    return [], Guess("columns", None, why, "which six are they?", sure=False)
+
+
+def _fit_names(
+    gyro: Sequence[_Column], accel: Sequence[_Column], says: Sequence[Described]
+) -> bool:
+    """Whether no name contradicts that these are the triads."""
+    return all(
+        says[column.at].kind in (None, kind)
+        for kind, triad in (("gyro", gyro), ("accel", accel))
+        for column in triad
+    )
+
+
+def _alike(triad: Sequence[_Column]) -> bool:
+    """Whether three columns have noise of about one size."""
+    return _spread(triad) < _ALIKE
+
+
+def _spread(triad: Sequence[_Column]) -> float:
+    """The noise of a triad's noisiest column over that of its quietest."""
+    noise = [c.noise for c in triad]
+    return max(noise) / min(noise) if min(noise) > 0 else np.inf
+
+
+def _is_one_g(triad: Sequence[_Column]) -> bool:
+    """Whether the means of three columns are together 1 g in some unit."""
+    return unit_of_force([c.mean for c in triad]) is not None
+
+
+def unit_of_force(mean: Sequence[float] | np.ndarray) -> str | None:
+    """The unit in which a mean force (3,) is 1 g; None where it is in none."""
+    norm = float(np.linalg.norm(mean))
+    for unit, factor in FORCE_UNITS.items():
+        if abs(norm * factor / STANDARD_GRAVITY - 1) < _NEAR_G:
+            return unit
+    return None
+
+
+def _time(
+    sheet: Sheet, says: Sequence[Described], numeric: Sequence[_Column]
+) -> tuple[tuple[int, ...], Guess | None]:
+    """The time column or columns, and the guess that names it where its name does not."""
+    pair = seconds_and_nanoseconds(sheet.names)
+    if pair is not None:
+        return pair, None
+    found = [at for at, own in enumerate(says) if own.kind == "time"]
+    with_unit = [at for at in found if says[at].unit is not None]
+    if len(found) == 1 or len(with_unit) == 1:
+        return ((found if len(found) == 1 else with_unit)[0],), None
+    among = found or [c.at for c in numeric if c.rises and says[c.at].kind is None]
+    steady = [c.at for c in numeric if c.at in among and c.rises and not c.counts]
+    if len(steady) == 1:
+        only = "alone never falls" if not found else "alone of those so named rises evenly"
+        value = sheet.names[steady[0]] if found else steady[0] + 1
+        return (steady[0],), Guess("time_column", value, f"{named(sheet, steady[0])} {only}")
+    if len(steady) > 1:
+        which = " or ".join(named(sheet, at) for at in steady)
+        doubt = f"is it {which}?"
+        return (), Guess("time_column", None, "several columns rise", doubt, sure=False)
+    return (), None

@@ -1,0 +1,317 @@
+"""The examination of one file: from its first line to a description with which it is read, and what
+of that is a guess."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lbgc import outputs
+from lbgc.data import logs
+from lbgc.data.checks.plausible import PER_HOUR, residual
+from lbgc.data.logconfig import LogConfig
+from lbgc.data.looking import columns, sensor, stretch
+from lbgc.data.looking.guess import Guess
+from lbgc.data.looking.sensor import Means
+from lbgc.data.readers import raw as readers
+from lbgc.data.readers.clock import TIME_UNITS
+from lbgc.data.readers.picked import picked
+from lbgc.data.readers.raw import Raw
+from lbgc.data.readers.sheets import Sheet, sheet
+from lbgc.data.record import Record
+from lbgc.earth import EARTH_RATE
+from lbgc.errors import InputError
+from lbgc.units import DEG
+
+_USUAL_HZ = 100.0
+"""The rate that is taken to go on with, where none is found, Hz."""
+_RATES, _SHORTEST_S, _USUAL = (1.0, 5000.0), 10.0, ("s", "ms", "us", "ns")
+"""Rates, Hz, least duration and units of clocks as people have them."""
+_SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the doctor found of one file."""
+
+    path: Path
+    name: str
+    """A name that a log may have"""
+    facts: tuple[str, ...]
+    """What the file is, plain sentences"""
+    guesses: tuple[Guess, ...]
+    """The keys of its description, those that were said left out"""
+    keys: Mapping[str, Any]
+    """The description: keys of `LogConfig` with their values, said or guessed"""
+    record: Record | None = None
+    """The recording (the longest, where there are several); None where it cannot be read so"""
+    notes: tuple[str, ...] = ()
+    """What reading it noted"""
+    refusal: InputError | None = None
+    """Why it cannot be evaluated so; None where it can"""
+
+    @property
+    def asks(self) -> list[Guess]:
+        """The guesses that the user is asked about."""
+        return [guess for guess in self.guesses if not guess.sure]
+
+    @property
+    def is_described(self) -> bool:
+        """Whether all but a heading can be had from the description: a fit of its noise."""
+        return self.record is not None and all(guess.heading_only for guess in self.asks)
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether a result may rest on the description."""
+        return not self.asks and self.refusal is None
+
+
+@dataclass
+class _Case:
+    """What is known so far, while the file is examined."""
+
+    said: Mapping[str, Any]
+    facts: list[str] = field(default_factory=list)
+    guesses: list[Guess] = field(default_factory=list)
+    keys: dict[str, Any] = field(default_factory=dict)
+
+    def note(self, guess: Guess) -> None:
+        """Take a guess, unless the user said the key."""
+        if guess.key in self.said:
+            return
+        self.guesses.append(guess)
+        if guess.value is not None:
+            self.keys[guess.key] = guess.value
+
+    def ask(self, error: InputError, keys: tuple[str, ...]) -> None:
+        """Ask for the key that a refusal names, or else for the first of these."""
+        key = error.name.removeprefix("log.")
+        key = key if key in LogConfig.__dataclass_fields__ else keys[0]
+        self.guesses = [own for own in self.guesses if own.key != key]
+        self.guesses.append(Guess(key, None, str(error), "which is it?", sure=False))
+
+
+def looked(path: Path, said: Mapping[str, Any]) -> Look:
+    """Examine a file. said : keys of `LogConfig` that the user states, with their values.
+
+    Raises InputError where it is no file that any reader takes.
+    """
+    case = _Case(said, keys={"path": str(path), **said})
+    name = outputs.shown(path.stem)
+    case.keys.setdefault("name", name)
+    special = _special(path)
+    if special is not None:
+        case.keys["reader"], what = special
+        case.facts.append(what)
+        if special[0] == "psins":
+            case.note(Guess("axes", ["y", "x", "-z"], "PSINS files are right, forward, up"))
+    else:
+        case.keys["reader"] = "table"
+        ready = _examined(path, case)
+        if not ready:
+            return Look(path, name, tuple(case.facts), tuple(case.guesses), case.keys)
+    return _read(path, name, case)
+
+
+def _special(path: Path) -> tuple[str, str] | None:
+    """The reader of a file or directory that is no table, and what it is; None for a table."""
+    if path.is_dir():
+        files = outputs.listed(path, "*.csv")
+        return "recordings", f"a directory of {len(files)} CSV files, a recording each"
+    if path.suffix.lower() == ".imu":
+        return "psins", "a PSINS file, whose header has rate, latitude, heading and counts"
+    return None
+
+
+def _examined(path: Path, case: _Case) -> bool:
+    """Find a table's keys; whether there are enough to read it."""
+    own = sheet(readers.only_file(path, path))
+    case.facts.append(_layout(own))
+    found = columns.find(own)
+    named = "columns" in case.said or {"gyro_columns", "accel_columns"} <= case.said.keys()
+    for guess in found.guesses:
+        if not (named and guess.key == "columns"):
+            case.note(guess)
+    if not found.gyro and not named:
+        return False
+    if found.gyro and not named:
+        case.facts.append(_which(own, found))
+    trial = _kept(case.keys) | {"latitude": 0.0, "repeats": case.said.get("repeats", "auto")}
+    trial |= {k: case.said.get(k, "auto") for k in ("gyro_unit", "accel_unit")}
+    trial |= {"axes": ["x", "y", "z"], "accel_axes": None}
+    try:
+        raw = readers.of_sheet(own, case.keys["name"], LogConfig(**trial))
+    except InputError as error:
+        case.ask(error, ("columns",))
+        return False
+    raw = replace(
+        raw, gyro=raw.gyro * raw.config.gyro_scale, accel=raw.accel * raw.config.accel_scale
+    )
+    means = _timed(raw, case)
+    _described(means, own, raw.config, case)
+    return not any(guess.value is None for guess in case.guesses)
+
+
+def _kept(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys that a description may have already."""
+    return {key: value for key, value in keys.items() if value is not None}
+
+
+def _layout(own: Sheet) -> str:
+    """What kind of file it is, a plain sentence."""
+    layout = getattr(own.source, "layout", None)
+    if layout is None:
+        return f"a Parquet file of {own.width} columns"
+    header = "a header" if own.has_header else "no header"
+    units = " and a row of units" if own.units else ""
+    before = f", its rows from line {layout.first + 1} on" if layout.first > 1 else ""
+    mark = ", with decimal commas" if layout.decimal == "," else ""
+    separator = _SEPARATORS.get(layout.separator, layout.separator)
+    return f"text of {own.width} columns between {separator}{mark}, {header}{units}{before}"
+
+
+def _which(own: Sheet, found: columns.Columns) -> str:
+    """Which columns are what, a plain sentence."""
+    parts = [
+        f"{kind} {', '.join(columns.named(own, at) for at in which)}"
+        for kind, which in (
+            ("gyro", found.gyro),
+            ("accelerometer", found.accel),
+            ("time", found.time),
+        )
+        if which
+    ]
+    parts += [
+        f"{kind} {columns.named(own, at)}"
+        for kind, at in (("temperature", found.temperature), ("plate angle", found.plate))
+        if at is not None
+    ]
+    return "; ".join(parts)
+
+
+def _timed(raw: Raw, case: _Case) -> Means:
+    """The values with their rate. Where the clock is not clear that is asked for, and a usual rate
+    taken to go on with."""
+    if raw.stamps is None and raw.config.rate_hz is None:
+        doubt = "how many samples a second?"
+        case.note(Guess("rate_hz", None, "it has no time column", doubt, sure=False))
+        return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
+    try:
+        clock = logs.clock_of(raw)
+    except InputError as error:
+        if (unit := _usual_unit(raw, error, case)) is not None:
+            config = replace(raw.config, time_unit=unit)
+            said = replace(raw.said, unit=unit)
+            return _timed(replace(raw, config=config, said=said), case)
+        if "log.gaps=" not in str(error) or "gaps" in case.said:
+            case.ask(error, ("time_unit", "rate_hz"))
+            return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
+        case.note(Guess("gaps", "longest", f"its longest piece is read, since {error}"))
+        try:
+            clock = logs.clock_of(replace(raw, config=replace(raw.config, gaps="longest")))
+        except InputError as other:
+            case.ask(other, ("gaps",))
+            return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
+    case.facts += [*raw.notes, *clock.notes]
+    longest = max(clock.pieces, key=lambda piece: piece.stop - piece.start)
+    count = longest.stop - longest.start
+    case.facts.append(f"{count} samples at {clock.rate_hz:.6g} Hz, {count / clock.rate_hz:.6g} s")
+    return Means(raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz)
+
+
+def _usual_unit(raw: Raw, error: InputError, case: _Case) -> str | None:
+    """The one unit of time, where a refusal is of several, that makes a usual rate and more than a
+    few seconds, which is noted; None where there is none, or several."""
+    if error.name != "log.time_unit" or case.said.get("time_unit") or "time_unit" in case.keys:
+        return None
+    assert raw.stamps is not None
+    span = float(raw.stamps[-1] - raw.stamps[0])
+    fits = {}
+    for unit, seconds in TIME_UNITS.items():
+        rate = (len(raw.stamps) - 1) / (span * seconds) if span > 0 else 0.0
+        if _RATES[0] <= rate <= _RATES[1] and span * seconds >= _SHORTEST_S and unit in _USUAL:
+            fits[unit] = rate
+    if len(fits) != 1:
+        return None
+    ((unit, rate),) = fits.items()
+    why = f"it makes it {rate:.5g} Hz and {span * TIME_UNITS[unit]:.4g} s, as no other does"
+    case.note(Guess("time_unit", unit, why))
+    return unit
+
+
+def _described(means: Means, own: Sheet, config: LogConfig, case: _Case) -> None:
+    """Find where it rests, its units and its axes."""
+    still = stretch.rest(means.gyro, means.accel, means.rate_hz)
+    first, last = still.first / means.rate_hz, still.last / means.rate_hz
+    if still.last - still.first < len(means.gyro):
+        if still.first:
+            case.note(Guess("from_s", round(first, 3), f"it moves until {first:.6g} s"))
+        if still.last < len(means.gyro):
+            case.note(Guess("to_s", round(last, 3), f"it moves from {last:.6g} s on"))
+        case.facts.append(f"it rests from {first:.6g} to {last:.6g} s, its longest stretch")
+    elif still.moving_s:
+        case.facts.append(f"it rests but for {still.moving_s:.3g} s of knocks or motion")
+    rest = replace(means, gyro=means.gyro[still.first : still.last],
+                   accel=means.accel[still.first : still.last])  # fmt: skip
+    says = picked(own, config)
+    latitude = None if (given := case.said.get("latitude")) is None else given * DEG
+    accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
+    gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
+    if "latitude" not in case.said:
+        why = "" if gyro is None else sensor.latitude(rest, gyro)
+        case.note(Guess("latitude", None, why, "where was it recorded?", sure=False))
+    if accel is None or gyro is None:
+        return
+    if "axes" not in case.said:
+        for guess in sensor.axes(rest, gyro, latitude):
+            case.note(guess)
+
+
+def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
+    """The value of a unit's key: as said, or as guessed, which is noted."""
+    if case.said.get(key, "auto") != "auto":
+        return str(case.said[key])
+    found = guess()
+    case.note(found)
+    return str(found.value) if found.sure else None
+
+
+def _read(path: Path, name: str, case: _Case) -> Look:
+    """Read the file by what was found, as every command would."""
+    keys = {k: v for k, v in case.keys.items() if v is not None}
+    look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
+    north = "latitude" in keys or keys["reader"] == "psins"
+    refusal = None
+    for asked in (True, False) if north else (False,):
+        try:
+            records = list(logs.read(LogConfig(**({"latitude": 45.0} | keys)), north=asked))
+        except InputError as error:
+            if error.name == "log.most_bias_deg_per_h" and asked:
+                return _read_biased(look, case)
+            refusal = refusal or error
+            continue
+        record = max(records, key=lambda own: len(own.gyro))
+        notes = record.notes if north else ()
+        return replace(look, record=record, notes=tuple(notes), refusal=refusal)
+    return replace(look, refusal=refusal)
+
+
+def _read_biased(look: Look, case: _Case) -> Look:
+    """Read a file whose bias exceeds what is taken as possible: the description says how large it
+    may be, and the doubt what that means."""
+    (record, *_) = logs.read(LogConfig(**look.keys), north=False)
+    off = bias(record)
+    most = float(f"{1.5 * off * PER_HOUR:.1g}")
+    horizontal = EARTH_RATE * np.cos(record.latitude) * PER_HOUR
+    why = f"its bias is {off * PER_HOUR:.4g} deg/h at the least, beside Earth's horizontal "
+    why += f"{horizontal:.3g}: at rest it hides north, a turn of the plate takes it out"
+    case.note(Guess("most_bias_deg_per_h", most, why))
+    return _read(look.path, look.name, case)
+
+
+def bias(record: Record) -> float:
+    """The least bias, rad/s, that explains a recording's mean rate at any heading."""
+    _, off = residual(record.gyro.mean(0), record.accel.mean(0), record.latitude, np.ones(3))
+    return float(np.linalg.norm(off))

@@ -1,0 +1,82 @@
+"""From when to when a log rests: its longest stretch in which nothing moves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_BLOCK_S = 1.0
+"""Length of the blocks that are judged, s."""
+_FEWEST = 16
+"""Blocks below which nothing is judged."""
+_LOUD = 4.0
+"""The noise of a block over the usual one from which on it moves."""
+_FAR = 8.0
+"""Distance of a block's mean from the stretch's, in standard deviations of quiet blocks, from which
+on it moves."""
+_BLIP = 3
+"""Blocks that a knock takes, at most, without ending a stretch."""
+_MOST = 0.02
+"""The share of the log that the rest must lack for it to be cut."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Where a log rests."""
+
+    first: int
+    """The first row"""
+    last: int
+    """The row after the last one"""
+    moving_s: float
+    """How long it moves in the whole log, s"""
+
+
+def rest(gyro: np.ndarray, accel: np.ndarray, rate_hz: float) -> Stretch:
+    """The longest stretch of rest. gyro, accel : (T, 3), in any unit; rate_hz : Hz."""
+    size = max(1, round(_BLOCK_S * rate_hz))
+    count = len(gyro) // size
+    whole = Stretch(0, len(gyro), 0.0)
+    if count < _FEWEST:
+        return whole
+    still = np.ones(count, dtype=bool)
+    for values in (gyro, accel):
+        still &= _quiet(values[: size * count].reshape(count, size, 3))
+    moves = ~still
+    if not moves.any():
+        return whole
+    runs = _runs(still)
+    first, last = max(runs, key=lambda run: run[1] - run[0], default=(0, count))
+    if last - first > (1 - _MOST) * count:
+        return Stretch(0, len(gyro), float(moves.sum()) * size / rate_hz)
+    end = len(gyro) if last == count else last * size
+    return Stretch(first * size, end, float(moves.sum()) * size / rate_hz)
+
+
+def _quiet(blocks: np.ndarray) -> np.ndarray:
+    """Whether blocks (K, n, 3) are as quiet as most, and their means where most are: (K,).
+
+    The usual noise is the lower quartile's, so that a log which moves half of the time is judged by
+    its rest. Slow noise lets means wander; blocks close in time are compared, not all with one.
+    """
+    mean = blocks.mean(axis=1)
+    noise = blocks.std(axis=1) if blocks.shape[1] > 1 else np.abs(np.diff(mean, axis=0, prepend=0))
+    usual = np.quantile(noise, 0.25, axis=0)
+    usual = np.where(usual > 0, usual, noise.mean(axis=0))
+    loud = np.any(noise > _LOUD * usual + 1e-300, axis=1)
+    steps = np.linalg.norm(np.diff(mean, axis=0), axis=1)
+    quiet = np.median(steps[~loud[1:]]) if (~loud[1:]).any() else np.median(steps)
+    jumps = np.concatenate([[False], steps > _FAR * quiet + 1e-300])
+    return np.asarray(~(loud | jumps))
+
+
+def _runs(still: np.ndarray) -> list[tuple[int, int]]:
+    """Stretches of still blocks, (first, after the last); single knocks do not end one."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    joined: list[tuple[int, int]] = []
+    for first, last in runs:
+        if joined and first - joined[-1][1] <= _BLIP:
+            joined[-1] = (joined[-1][0], last)
+        else:
+            joined.append((first, last))
+    return [(int(first), int(last)) for first, last in joined]

@@ -1,0 +1,73 @@
+"""The log doctor's picture of a recording: its course, its spectra and its Allan deviations."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.signal import welch
+
+from lbgc.data.looking.doctor import Look
+from lbgc.earth import EARTH_RATE
+from lbgc.outputs import shown
+from lbgc.report.figures import AXIS_COLOURS, AXIS_NAMES
+from lbgc.report.look_text import deviations
+from lbgc.units import DEG, HOUR, STANDARD_GRAVITY
+
+_POINTS = 1500
+"""Means along the time axis, at most."""
+_TRIADS = (
+    ("gyro", HOUR / DEG, "deg/h"),
+    ("accel", 1e3 / STANDARD_GRAVITY, "mg"),
+)
+
+
+def draw(look: Look) -> Figure:
+    """The picture of a file's recording."""
+    assert look.record is not None
+    record = look.record
+    figure = Figure(figsize=(11.0, 6.6), layout="constrained")
+    figure.suptitle(shown(look.path.name).replace("$", r"\$"))
+    axes = figure.subplots(2, 3)
+    taus, *allan = deviations(record)
+    for row, ((part, scale, unit), deviation) in enumerate(zip(_TRIADS, allan, strict=True)):
+        values = getattr(record, part) * scale
+        _course(axes[row, 0], values, record.rate_hz)
+        axes[row, 0].set(ylabel=f"{part}, {unit}", title="less its mean")
+        _spectrum(axes[row, 1], values, record.rate_hz)
+        axes[row, 1].set(ylabel=f"{unit}/sqrt(Hz)", title="spectral density, one-sided")
+        for axis in range(3):
+            axes[row, 2].loglog(taus, deviation[axis] * scale, color=AXIS_COLOURS[axis])
+        axes[row, 2].set(xlabel="averaging time, s", ylabel=unit, title="Allan deviation")
+    axes[0, 2].axhline(
+        EARTH_RATE * HOUR / DEG * np.cos(record.latitude), color="0.6", linewidth=0.8, dashes=(4, 3)
+    )
+    axes[0, 2].annotate("Earth's horizontal rate", (taus[0], EARTH_RATE * HOUR / DEG
+                        * np.cos(record.latitude)), color="0.4", fontsize="x-small",
+                        va="bottom")  # fmt: skip
+    for own in axes.flat:
+        own.grid(True, which="both", color="0.92", linewidth=0.5)
+        own.title.set_fontsize("small")
+    axes[0, 0].legend(fontsize="x-small")
+    return figure
+
+
+def _course(axes: Axes, values: np.ndarray, rate_hz: float) -> None:
+    """Block means of values (T, 3), less their mean, over time."""
+    size = max(1, len(values) // _POINTS)
+    count = len(values) // size
+    means = values[: size * count].reshape(count, size, 3).mean(axis=1)
+    t = (np.arange(count) + 0.5) * size / rate_hz
+    for axis, name in enumerate(AXIS_NAMES):
+        axes.plot(t, means[:, axis] - values[:, axis].mean(), color=AXIS_COLOURS[axis],
+                  linewidth=0.7, label=name)  # fmt: skip
+    axes.set(xlabel=f"t, s (means of {size / rate_hz:.3g} s)")
+
+
+def _spectrum(axes: Axes, values: np.ndarray, rate_hz: float) -> None:
+    """The square root of the one-sided spectral density of values (T, 3)."""
+    longest = min(len(values), 2 ** int(np.log2(max(len(values) // 8, 8))))
+    frequency, density = welch(values, rate_hz, nperseg=longest, axis=0)
+    for axis in range(3):
+        axes.loglog(
+            frequency[1:], np.sqrt(density[1:, axis]), color=AXIS_COLOURS[axis], linewidth=0.7
+        )
+    axes.set(xlabel="Hz")

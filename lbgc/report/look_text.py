@@ -1,0 +1,150 @@
+"""What the log doctor says of a file: on the terminal, and as a description for `--config-dir`."""
+
+import shlex
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from lbgc.data.logconfig import LogConfig
+from lbgc.data.looking.doctor import Look, bias
+from lbgc.data.record import Record
+from lbgc.earth import EARTH_RATE
+from lbgc.outputs import shown
+from lbgc.sensor.allan import octave_taus, overlapping_deviation
+from lbgc.units import DEG, HOUR
+
+_PER_HOUR = HOUR / DEG
+_WINDOW_S = 240.0
+_CANNOT_DEG = 60.0
+"""Expected error, degrees, above which north is not found; by chance it is 104."""
+_ROWS = 3_600_000
+"""Samples by which Allan deviations are computed, at most."""
+
+
+def report(look: Look) -> str:
+    """What the file is, the guesses with their reasons and doubts, and what its sensor is worth."""
+    lines = [f"{shown(look.path)}"]
+    lines += [f"  {fact}" for fact in dict.fromkeys(look.facts)]
+    for guess in look.guesses:
+        if guess.value is not None:
+            lines.append(f"  log.{guess.key}={guess.written}: {guess.why}")
+            lines += [f"    but: {guess.doubt}"] if guess.doubt else []
+    lines += [f"  {note}" for note in look.notes if note not in look.facts]
+    if look.record is not None:
+        lines += [f"  {line}" for line in worth(look.record, "latitude" in look.keys)]
+    if look.refusal is not None:
+        lines.append(f"  for a heading it would be refused: {look.refusal}")
+    return "\n".join(lines)
+
+
+def deviations(record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI."""
+    dt, count = 1 / record.rate_hz, min(len(record.gyro), _ROWS)
+    taus = octave_taus(count, dt)
+    gyro, accel = (overlapping_deviation(v[None, :count], dt, taus)
+                   for v in (record.gyro, record.accel))  # fmt: skip
+    return taus, gyro, accel
+
+
+def worth(record: Record, placed: bool) -> list[str]:
+    """Sentences on the sensor's noise and bias, and on whether north can be seen with them.
+
+    placed : whether the latitude is known.
+    """
+    taus, gyro, accel = deviations(record)
+    at = int(np.argmin(np.abs(taus - 1.0)))
+    walk = gyro[:, at] * np.sqrt(taus[at])
+    arw, vrw = walk / DEG * 60, accel[:, at] * np.sqrt(taus[at]) * 60
+    least = gyro.argmin(axis=1)
+    lines = [
+        f"noise at {taus[at]:.3g} s: angle random walk {_three(arw)} deg/sqrt(h), velocity random "
+        f"walk {_three(vrw)} m/s/sqrt(h)",
+        f"gyros' Allan deviation falls to {_three(gyro.min(axis=1) * _PER_HOUR)} deg/h at "
+        f"{_three(taus[least])} s",
+    ]
+    longest = float(taus[least].max())
+    if least.max() >= len(taus) - 2:
+        lines.append(
+            f"it falls to the end: a bias instability does not show in {record.duration_s:.4g} s; "
+            f"a fit of it needs {10 * longest / HOUR:.2g} hours or more"
+        )
+    elif longest * 10 > record.duration_s:
+        lines.append(
+            f"a fit of the bias instability needs ten times its {longest:.3g} s: "
+            f"{10 * longest / HOUR:.2g} hours, and better more"
+        )
+    if not placed:
+        return lines
+    horizontal = EARTH_RATE * np.cos(record.latitude)
+    seconds = min(_WINDOW_S, record.duration_s)
+    sigma = float(walk.max()) / np.sqrt(seconds) / horizontal
+    floor = float(gyro.min(axis=1).max()) / horizontal
+    off = bias(record)
+    lines.append(
+        f"north: by noise alone {_degrees(sigma)} in {seconds:.0f} s, by the slow part of it "
+        f"{_degrees(floor)}; a horizontal bias of 1 deg/h turns it by "
+        f"{1 / (horizontal * _PER_HOUR) / DEG:.3g} deg, and here it is "
+        f"{off * _PER_HOUR:.3g} deg/h at the least"
+    )
+    if np.hypot(sigma, off / horizontal) > _CANNOT_DEG * DEG:
+        lines.append("north cannot be found with it at rest")
+    return lines
+
+
+def _degrees(sigma: float) -> str:
+    """An error of heading as text."""
+    return f"{sigma / DEG:.3g} deg" if sigma < 1 else "more than 60 deg"
+
+
+def _three(values: np.ndarray) -> str:
+    """The values of three axes as text."""
+    return ", ".join(f"{value:.3g}" for value in values)
+
+
+def asked(look: Look, file: str) -> str:
+    """The questions, each with the command that answers it."""
+    what = "for a heading, " if look.is_described else ""
+    lines = [f"not told by the file, so {what}give it:"]
+    for guess in look.asks:
+        lines.append(f"  log.{guess.key}: {guess.doubt} {guess.why}")
+    said = " ".join(f"log.{guess.key}=..." for guess in look.asks)
+    lines.append(f"python lbgc/look.py {shlex.quote(file)} {said}")
+    return "\n".join(lines)
+
+
+def description(look: Look, first: str) -> str:
+    """The description as a YAML file. first : its first line's beginning."""
+    why = {guess.key: guess for guess in look.guesses}
+    lines = [f"{first} from {shown(look.path.name)}: what is no guess was said, or is in the file."]
+    for key, value in look.keys.items():
+        about = why.get(key)
+        if about is not None:
+            lines.append(f"# {key}: {about.why}" + (f"; {about.doubt}" if about.doubt else ""))
+        lines.append(f"{key}: {_yaml(value if key != 'path' else str(look.path.absolute()))}")
+    lines.append("# as usual")
+    usual = asdict(LogConfig(path="x"))
+    lines += [f"{key}: {_yaml(usual[key])}" for key in usual if key not in look.keys]
+    return "\n".join(lines) + "\n"
+
+
+def _yaml(value: Any) -> str:
+    """A value as YAML has it; texts in quotes."""
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_yaml, value)) + "]"
+    if value is None:
+        return "null"
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    return (
+        f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else repr(value)
+    )
+
+
+def commands(look: Look, out: str, name: str) -> str:
+    """The commands that use the description."""
+    options = f"--config-dir {shlex.quote(out)} log={name}"
+    lines = ["use it:", f"python lbgc/fit.py {options} name={name}_sensor"]
+    if look.is_sure:
+        lines.append(f"python lbgc/evaluate.py {options}")
+    return "\n".join(lines)

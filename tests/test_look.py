@@ -1,0 +1,177 @@
+"""The log doctor: right, or asking; never wrong in silence."""
+
+from collections import Counter
+
+import cases
+import numpy as np
+import pytest
+import yaml
+from any_logs import FRAMES, judged, make
+
+from lbgc.data.logconfig import LogConfig
+from lbgc.data.logs import read
+from lbgc.data.looking import columns, stretch
+from lbgc.data.looking.doctor import looked
+from lbgc.data.readers.sheets import sheet
+from lbgc.look import as_override
+
+DEG_H = np.deg2rad(1) / 3600
+
+
+def written(path, table: np.ndarray, header: str = "", separator: str = ","):
+    np.savetxt(path, table, delimiter=separator, header=header, comments="", fmt="%.9g")
+    return path
+
+
+def still(hz: float = 100, seconds: float = 300, latitude: float = 48.1, **options) -> np.ndarray:
+    """Time, s, rates, deg/s, and forces, m/s^2, (T, 7), forward-right-down."""
+    t, w, f = cases.static(hz, seconds, latitude, **options)
+    return np.column_stack([t, np.rad2deg(w), f])
+
+
+def test_logs_as_people_have_them(tmp_path):
+    """Of 200 by other seeds none is wrong without asking: make study-logs."""
+    counts: Counter[str] = Counter()
+    for number in range(24):
+        made = make(tmp_path, number)
+        verdict, look = judged(made)
+        assert verdict != "wrong", (made, look)
+        counts["right" if verdict == "right" or not made.is_decidable else "asked"] += 1
+    assert counts["right"] >= 0.9 * counts.total()
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_which_axis_is_up(tmp_path, frame):
+    from lbgc.data.readers.axes import matrix_of
+
+    matrix = matrix_of(FRAMES[frame])
+    table = still(arw=0.02)
+    for part in (slice(1, 4), slice(4, 7)):
+        table[:, part] = table[:, part] @ matrix
+    look = looked(written(tmp_path / "log.csv", table), {"latitude": 48.1})
+    assert look.is_sure, look
+    assert look.record is not None
+    assert np.degrees(np.arccos(-look.record.accel.mean(0)[2] / 9.81)) < 3
+    down = look.record.gyro.mean(0)[2] / DEG_H
+    assert down == pytest.approx(-15.04 * np.sin(np.deg2rad(48.1)), abs=0.5)
+
+
+def test_a_bias_that_hides_the_unit_is_asked_about(tmp_path):
+    """In deg/s 860 deg/h and 0.05 deg/sqrt(h), in rad/s 57 times as much: nobody can tell."""
+    table = still(arw=0.05)
+    table[:, 1] += 0.06
+    file = written(tmp_path / "log.csv", table)
+    look = looked(file, {"latitude": 48.1})
+    assert [guess.key for guess in look.asks] == ["gyro_unit"]
+    told = looked(file, {"latitude": 48.1, "gyro_unit": "deg/s"})
+    assert told.is_described
+    # whether the accelerometers print +1 g up is not told beside such a bias either
+    assert [guess.key for guess in told.asks] == ["axes"]
+    assert told.keys["most_bias_deg_per_h"] > 200
+
+
+def test_it_is_cut_to_where_it_rests(tmp_path):
+    table = still(seconds=200, arw=0.02)
+    t = table[:, 0]
+    moves = t < 30
+    table[moves, 1:4] += 20 * np.sin(t[moves, None] * [1, 2, 3])
+    look = looked(written(tmp_path / "log.csv", table), {"latitude": 48.1})
+    assert look.is_sure
+    assert 30 <= look.keys["from_s"] <= 32
+    assert look.record is not None
+    assert look.record.duration_s == pytest.approx(200 - look.keys["from_s"], abs=0.02)
+
+
+def test_a_slow_drift_is_no_motion():
+    rng = np.random.default_rng(1)
+    drift = np.cumsum(rng.normal(size=(60_000, 3)), axis=0) * 0.01
+    values = drift + rng.normal(size=(60_000, 3))
+    found = stretch.rest(values, values, 100.0)
+    assert (found.first, found.last) == (0, 60_000)
+
+
+def test_columns_without_names(tmp_path):
+    """Any order of the two triads, and other columns between them."""
+    table = still(seconds=60, arw=0.02)
+    t, w, f = table[:, :1], table[:, 1:4], table[:, 4:]
+    warm = 30 + np.sin(t / 10)
+    for at, (parts, six) in enumerate(
+        [
+            ((t, w, f), [2, 3, 4, 5, 6, 7]),
+            ((t, f, w), [5, 6, 7, 2, 3, 4]),
+            ((f, w, t), [4, 5, 6, 1, 2, 3]),
+            ((t, w, warm, f), [2, 3, 4, 6, 7, 8]),
+        ]
+    ):
+        found = columns.find(sheet(written(tmp_path / f"{at}.csv", np.hstack(parts))))
+        (guess,) = [own for own in found.guesses if own.key == "columns"]
+        assert guess.value == six
+
+
+def test_the_command_writes_what_every_command_reads(cli, tmp_path):
+    header = "time (s),gx (deg/s),gy (deg/s),gz (deg/s),ax (m/s2),ay (m/s2),az (m/s2)"
+    written(tmp_path / "My log.csv", still(arw=0.02), header, ";")
+    said = cli("lbgc.look", "files=['My log.csv']", "log.latitude=48.1")
+    assert said.code == 0, said.err
+    assert "python lbgc/evaluate.py --config-dir mine log=my_log" in said.out
+    assert list(tmp_path.glob("outputs/look/*/my_log.png"))
+    keys = yaml.safe_load((tmp_path / "mine/log/my_log.yaml").read_text())
+    (record,) = read(LogConfig(**keys))
+    assert record.rate_hz == pytest.approx(100)
+    done = cli("lbgc.evaluate", "--config-dir", "mine", "log=my_log", "windows_s=[60]",
+               "log.heading_deg=90")  # fmt: skip
+    assert done.code == 0, done.err
+    # a description of the user's own is not written over
+    (tmp_path / "mine/log/my_log.yaml").write_text("reader: table\n")
+    again = cli("lbgc.look", "files=['My log.csv']", "log.latitude=48.1")
+    assert again.code == 2
+    assert "give name=ANOTHER" in again.err
+
+
+def test_a_file_alone_where_it_tells_all(cli, tmp_path):
+    table = still(arw=0.02)
+    written(tmp_path / "log.csv", table)
+    done = cli("lbgc.evaluate", "log.path=log.csv", "log.latitude=48.1", "windows_s=[60]",
+               "log.heading_deg=90")  # fmt: skip
+    assert done.code == 0, done.err
+    assert "found log.columns=[2,3,4,5,6,7]: " in done.out
+    fitted = cli("lbgc.fit", "log.path=log.csv", "log.latitude=48.1", "processes=1")
+    assert fitted.code == 0, fitted.err
+    table[:, 1] += 0.06  # a bias that hides the unit
+    written(tmp_path / "biased.csv", table)
+    asked = cli("lbgc.fit", "log.path=biased.csv", "log.latitude=48.1")
+    assert asked.code == 2
+    assert "log.gyro_unit = None: is not told by the file: is it deg/s or rad/s?" in asked.err
+    told = cli("lbgc.evaluate", "log.path=biased.csv", "log.latitude=48.1", "log.gyro_unit=deg/s")
+    assert "log.axes = None: is not told by the file: do they print +1 g up" in told.err
+    assert cli("lbgc.fit", "log.path=none.csv").code == 2
+
+
+def test_it_asks_by_the_key(cli, tmp_path):
+    written(tmp_path / "log.csv", still(arw=0.02)[:, 1:])
+    said = cli("lbgc.look", "files=[log.csv]")
+    assert said.code == 0
+    assert "log.rate_hz: how many samples a second?" in said.out
+    assert "log.latitude: where was it recorded?" in said.out
+    assert not (tmp_path / "mine").exists()
+
+
+def test_what_is_no_log(cli, tmp_path):
+    (tmp_path / "letter.txt").write_text("Dear Sir,\nno numbers here.\n")
+    written(tmp_path / "log.csv", still(arw=0.02))
+    alone = cli("lbgc.look", "files=[letter.txt]")
+    assert alone.code == 2
+    assert len(alone.err.strip().splitlines()) == 1
+    both = cli("lbgc.look", "files=[letter.txt,log.csv]", "log.latitude=48.1")
+    assert both.code == 0
+    assert "letter.txt" in both.out
+    assert (tmp_path / "mine/log/log.yaml").exists()
+    assert cli("lbgc.look").code == 2
+
+
+def test_files_without_a_key(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a=b.csv").write_text("")
+    given = ["a=b.csv", "it's.csv", "log.latitude=3", "--verify"]
+    expected = [r"files=['a=b.csv','it\'s.csv']", "log.latitude=3", "--verify"]
+    assert as_override(given) == expected
