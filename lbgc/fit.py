@@ -4,7 +4,7 @@ python lbgc/fit.py log.path=mine.csv log.latitude=48.1 name=mine
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,10 @@ from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
-from lbgc.errors import InputError, require, require_not_negative, require_positive
+from lbgc.errors import InputError, build, require, require_not_negative, require_positive
 from lbgc.estimators.level import tilts_of
+from lbgc.exports import require_formats, written
+from lbgc.exports.subject import Subject
 from lbgc.outputs import (
     as_json,
     fingerprint,
@@ -33,8 +35,10 @@ from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import sensor_yaml
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
+from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.fitting import axes, corner, warmup
 from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.user_yaml import parse
 
 SHORTEST_S = 60.0
 
@@ -59,6 +63,8 @@ class FitConfig:
     processes: int | None = None
     """Number of axes fitted at the same time; null: one a core, or one after the other where the
     log is short. No result depends on it."""
+    export: list[str] = field(default_factory=list)
+    """Other tools to write the result for, as `lbgc/export_imu.py` does, at the log's rate."""
 
     def __post_init__(self) -> None:
         one = (self.data is None) != (self.log is None)
@@ -70,6 +76,7 @@ class FitConfig:
         require_positive("flicker_short_s", self.flicker_short_s)
         require_not_negative(self, "skip_s")
         require_positive("processes", self.processes)
+        require_formats("export", self.export)
         require(
             self.flicker_long_s > self.corners[0],
             "flicker_long_s",
@@ -101,6 +108,7 @@ def main(config: FitConfig) -> Path:
     yaml = sensor_yaml(config.name, static, fits, calibration, sizes)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
     write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
+    _export(yaml, 1 / static.dt, config.export, directory / "export")
     for part in PARTS:
         data = AllanData(part, getattr(static, part), static.dt, static.latitude)
         for name, figure in draw(data, fits[part]).items():
@@ -109,6 +117,16 @@ def main(config: FitConfig) -> Path:
     print("use it:")
     print(f"python sim/generate.py --config-dir {directory} imu={config.name}")
     return directory
+
+
+def _export(yaml: str, rate_hz: float, formats: Sequence[str], directory: Path) -> None:
+    """Write the sensor of a YAML file, at this rate (Hz), in the terms of other tools."""
+    if not formats:
+        return
+    directory.mkdir(exist_ok=True)
+    subject = Subject(build(ImuConfig, parse(yaml.encode())), rate_hz)
+    for name, text in written(subject, formats).items():
+        write_atomically(directory / name, text)
 
 
 def _require_steady(static: Static, corners: tuple[float, float]) -> None:

@@ -27,6 +27,7 @@ import lbgc.calibrate
 import lbgc.compare
 import lbgc.evaluate
 import lbgc.export
+import lbgc.export_imu
 import lbgc.fit
 import lbgc.info
 import lbgc.learning.comparison
@@ -49,6 +50,7 @@ ENTRY_POINTS = {
         *(lbgc.train.validation_error, lbgc.learning.comparison.show),
     ),
     "lbgc.export": (lbgc.export.main, lbgc.export.ExportConfig, "export"),
+    "lbgc.export_imu": (lbgc.export_imu.main, lbgc.export_imu.ExportImuConfig, "export_imu"),
     "lbgc.compare": (lbgc.compare.main, lbgc.compare.CompareConfig, "compare"),
     "lbgc.evaluate": (lbgc.evaluate.main, lbgc.evaluate.EvaluateConfig, "evaluate"),
 }

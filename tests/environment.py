@@ -38,6 +38,7 @@ COMMANDS = {
                    "windows_s=[10,30]", "checkpoint_every=5"),
     "lbgc.evaluate": ("data={given}/means.zarr", "run={given}/outputs/train/latest",
                       "windows_s=[10,30]"),
+    "lbgc.export_imu": ("imu=stim300",),
     "lbgc.export": ("run={given}/outputs/train/latest", "out=model.onnx"),
     "lbgc.compare": ("runs={given}/outputs/train",),
 }  # fmt: skip

@@ -40,7 +40,7 @@ COMMANDS = {
     for path in (
         *("sim/generate.py", "sim/scene.py", "lbgc/bound.py", "lbgc/fit.py", "lbgc/calibrate.py"),
         *("lbgc/info.py", "lbgc/look.py", "lbgc/train.py", "lbgc/export.py", "lbgc/compare.py"),
-        "lbgc/evaluate.py",
+        *("lbgc/evaluate.py", "lbgc/export_imu.py"),
     )
 }
 

@@ -55,6 +55,7 @@ MAY_IMPORT = {
     "lbgc.answers": BASE
     | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics", "lbgc.headings"},
     "lbgc.learning": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.metrics"},
+    "lbgc.exports": BASE | {"lbgc.sensor"},
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics", "lbgc.headings"},
     "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
     "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report", "lbgc.verdict"},
@@ -70,6 +71,7 @@ ENTRY_POINTS = (
     "lbgc/look.py",
     "lbgc/train.py",
     "lbgc/export.py",
+    "lbgc/export_imu.py",
     "lbgc/compare.py",
     "lbgc/evaluate.py",
     "sim/generate.py",
@@ -101,11 +103,13 @@ FILM_MAKING = {("sim/render.py", "matplotlib")}
 # Half a second and more to import; who starts without waiting for it.
 SLOW = {
     "torch": {"lbgc/bound.py", "lbgc/fit.py", "lbgc/info.py", "lbgc/calibrate.py",
-              "lbgc/evaluate.py", "lbgc/look.py", "sim/generate.py", "sim/scene.py"},
-    "matplotlib": {"lbgc/calibrate.py", "lbgc/export.py", "lbgc/compare.py", "sim/generate.py",
-                   "sim/scene.py"},
+              "lbgc/evaluate.py", "lbgc/export_imu.py", "lbgc/look.py", "sim/generate.py",
+              "sim/scene.py"},
+    "matplotlib": {"lbgc/calibrate.py", "lbgc/export.py", "lbgc/export_imu.py", "lbgc/compare.py",
+                   "sim/generate.py", "sim/scene.py"},
     "scipy.signal": {"lbgc/bound.py", "lbgc/info.py", "lbgc/calibrate.py", "lbgc/train.py",
-                     "lbgc/export.py", "lbgc/compare.py", "sim/generate.py", "sim/scene.py"},
+                     "lbgc/export.py", "lbgc/export_imu.py", "lbgc/compare.py", "sim/generate.py",
+                     "sim/scene.py"},
 }  # fmt: skip
 
 
