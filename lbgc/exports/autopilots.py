@@ -19,7 +19,7 @@ import numpy as np
 from lbgc.exports.losses import COUNTS, SLOW, WALK, WHITE, Scope, lines, walked, whites
 from lbgc.exports.subject import PARTS, Subject, number, worst
 
-_SCOPE = Scope(WHITE | WALK | COUNTS, SLOW, "the bias's process noise, a random walk")
+_SCOPE = Scope(WHITE | WALK | COUNTS, dict.fromkeys(SLOW, "the bias's process noise"))
 
 
 @dataclass(frozen=True)

@@ -125,10 +125,13 @@ def _starts(subject: Subject, part: str, figures: list[Figures]) -> list[str]:
 
 
 def _scope(subject: Subject, figures: dict[str, list[Figures]]) -> Scope:
-    """What of the keys the file tells, by whether biases of the start stay."""
-    stays = all(_lasts(subject, own) for part in PARTS for own in figures[part])
-    told = WHITE | COUNTS | (BIAS if stays else frozenset())
-    return Scope(told, SLOW | WALK, "the dynamic bias")
+    """What of the keys the file tells: biases of the start too, of a triad where they stay."""
+    replaced = dict.fromkeys(SLOW | WALK, "the dynamic bias")
+    for part in PARTS:
+        if all(_lasts(subject, own) for own in figures[part]):
+            by = "bias_stddev, which has all lifetimes together"
+            replaced |= {f"{part}.{key}": by for key in BIAS}
+    return Scope(WHITE | COUNTS, replaced)
 
 
 def _plain(line: str) -> str:

@@ -20,7 +20,7 @@ from lbgc.exports.losses import COUNTS, SLOW, WALK, WHITE, Scope, lines, whites
 from lbgc.exports.subject import PARTS, Subject, number
 from lbgc.sensor.stand_in import Figures
 
-_SCOPE = Scope(WHITE | COUNTS, SLOW | WALK, "b_drift and b_corr")
+_SCOPE = Scope(WHITE | COUNTS, dict.fromkeys(SLOW | WALK, "b_drift and b_corr"))
 _NAMES = {"gyro": ("gyro_err", "arw"), "accel": ("accel_err", "vrw")}
 
 

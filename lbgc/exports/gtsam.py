@@ -13,7 +13,7 @@ a sensor, and left to the user.
 from lbgc.exports.losses import COUNTS, SLOW, WALK, WHITE, Scope, lines, walked, whites
 from lbgc.exports.subject import PARTS, Subject, diagonal, number
 
-_SCOPE = Scope(WHITE | WALK | COUNTS, SLOW, "the random walk")
+_SCOPE = Scope(WHITE | WALK | COUNTS, dict.fromkeys(SLOW, "the random walk"))
 _ROWS = (
     ("gyroscopeCovariance", "gyro", "N", "(rad/s)^2/Hz"),
     ("accelerometerCovariance", "accel", "N", "(m/s^2)^2/Hz"),

@@ -20,7 +20,7 @@ _UNITS = {
     "accelerometer_noise_density": "m/s^2/sqrt(Hz), two-sided",
     "accelerometer_random_walk": "m/s^3/sqrt(Hz)",
 }
-_SCOPE = Scope(WHITE | WALK | COUNTS, SLOW, "the random walk")
+_SCOPE = Scope(WHITE | WALK | COUNTS, dict.fromkeys(SLOW, "the random walk"))
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _INTRINSICS = {
     "Tw": _IDENTITY,

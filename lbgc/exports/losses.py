@@ -4,8 +4,8 @@ Whatever is stated of the sensor and is not in a format's list of what it tells 
 key that comes new is said to be lost until a format tells it.
 """
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from lbgc.exports.subject import PARTS, Subject
@@ -40,10 +40,8 @@ class Scope:
 
     told: Collection[str]
     """Keys that it tells as they are."""
-    replaced: Collection[str] = ()
-    """Keys that something else stands for."""
-    by: str = ""
-    """What stands for them."""
+    replaced: Mapping[str, str] = field(default_factory=dict)
+    """Keys that something else stands for, alone or with their triad, and what that is."""
 
 
 def lines(subject: Subject, scope: Scope, without: Collection[str] = ()) -> list[str]:
@@ -53,8 +51,9 @@ def lines(subject: Subject, scope: Scope, without: Collection[str] = ()) -> list
     for key, value in _stated(subject):
         name = key.rsplit(".", 1)[-1]
         said = f"{key} = {shown(value, _LONGEST_VALUE)} {unit_of(name)}".rstrip()
-        if name in scope.replaced and key.split(".")[0] not in without:
-            replaced.append(f"replaced by {scope.by}: {said}")
+        by = scope.replaced.get(key, scope.replaced.get(name))
+        if by is not None and key.split(".")[0] not in without:
+            replaced.append(f"replaced by {by}: {said}")
         elif name not in scope.told:
             lost.append(f"lost: {said}")
     return replaced + lost

@@ -28,7 +28,7 @@ from lbgc.outputs import as_json
 from lbgc.sensor import stand_in
 from lbgc.sensor.stand_in import Figures
 
-_SCOPE = Scope(WHITE | WALK | COUNTS | RANGE, SLOW, "BiasInstability behind a pole")
+_SCOPE = Scope(WHITE | WALK | COUNTS | RANGE, dict.fromkeys(SLOW, "BiasInstability behind a pole"))
 _NAMES = {"accel": "Accelerometer", "gyro": "Gyroscope"}
 FILE = "imuSensor.json"
 

@@ -77,12 +77,15 @@ class Subject:
 
     def walking_each(self, part: str) -> list[Figures]:
         """White noise and a random walk for each axis."""
-        return [stand_in.walking([axis], self.fine) for axis in self.slow(part)]
+        every = self.slow(part)
+        found = {axis: stand_in.walking([axis], self.fine) for axis in dict.fromkeys(every)}
+        return [found[axis] for axis in every]
 
     def reverting_each(self, part: str, rounding: bool = True) -> list[Figures]:
         """White noise and one Gauss-Markov process for each axis."""
         every = self.slow(part, rounding)
-        return [stand_in.reverting([axis], self.fine)[0] for axis in every]
+        found = {axis: stand_in.reverting([axis], self.fine)[0] for axis in dict.fromkeys(every)}
+        return [found[axis] for axis in every]
 
     def title(self, tool: str) -> list[str]:
         """Whose figures these are, for which tool, and what is assumed of the sensor."""

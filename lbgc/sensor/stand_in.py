@@ -219,5 +219,5 @@ def _agreeing(
     """Of each size (S,): at how many times it agrees, and its worst departure at these."""
     variance = known + sizes[:, None] * unit
     good = agrees(variance, target)
-    departure = np.abs(np.log(variance / target))
-    return good.sum(axis=1), np.max(departure, axis=1, where=good, initial=0.0)
+    departure = np.log(variance / target, out=np.zeros_like(variance), where=good)
+    return good.sum(axis=1), np.abs(departure).max(axis=1)
