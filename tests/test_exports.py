@@ -192,7 +192,8 @@ def test_one_figure_for_three_axes_is_the_worst_ones():
 
 
 def test_stand_ins_for_flicker_are_as_the_module_says():
-    """In units of tau_c = N^2/F: K = 2.7 F/N up to 0.53; T = 0.7 and 1.16 B up to 3.3."""
+    """In units of tau_c = N^2/F: white noise up to 0.10; a walk level with the flicker at (4
+    L^2)^(1/3), (L/4)^(1/6) off at the worst; a process of T = 0.7 and 1.16 B up to 3.3."""
     N, F = 3.0, 2 * np.log(2) / np.pi
     unit = N**2 / F
     axis = Slow(N, 0.0, Flicker(1.0, 1e-4 * unit, 1e4 * unit).processes)
@@ -208,9 +209,13 @@ def test_stand_ins_for_flicker_are_as_the_module_says():
 
     walk, (process,) = stand_in.walking([axis], tau), stand_in.reverting([axis], tau)
     assert end(Figures(N)) == pytest.approx(0.10, abs=0.01)
-    size = N / F * walk.K
-    assert size == pytest.approx(2.7, rel=0.05)
-    assert end(walk) == pytest.approx(0.53, rel=0.1)
+    level, length = 3 * F / walk.K**2 / unit, tau[-1] / unit
+    assert level == pytest.approx((4 * length**2) ** (1 / 3), rel=0.2)
+    ratio = np.sqrt(walk.allan_variance(tau, dt) / axis.allan_variance(tau))
+    assert ratio.max() == pytest.approx(1 / ratio.min(), rel=0.02)
+    assert ratio.max() == pytest.approx((length / 4) ** (1 / 6), rel=0.1)
+    short = stand_in.walking([axis], tau[tau < 0.3 * unit])
+    assert end(short) > 0.29
     assert (process.T, process.sigma) == (
         pytest.approx(0.7 * unit, rel=0.1),
         pytest.approx(1.16, rel=0.02),
@@ -257,6 +262,16 @@ def test_every_stated_key_is_told_or_said_to_be_replaced_or_lost(name):
             assert said or key in told, f"{part}.{key}"
     for key in ("magnetic_field.horizontal_gauss", "temperature.rise_k", "timing.jitter_s"):
         assert f"lost: {key} = " in text
+
+
+def test_lines_and_tones_are_lost_by_their_figures():
+    line = {"deg_per_h": 60.0, "hz": 17.0, "width_hz": 2.0}
+    gyro = {"arw_deg_per_sqrt_h": 0.1, "lines": [line], "tone_hz": 5.0, "tone_deg_per_h": 30.0}
+    own = Subject(build(ImuConfig, {"name": "mine", "gyro": gyro}), RATE, LONGEST_S)
+    text = FORMATS["kalibr"].text(own)
+    assert "lost: gyro.lines = deg_per_h 60.0, hz 17.0, width_hz 2.0, poles 2" in text
+    assert "lost: gyro.tone_deg_per_h = 30.0 deg/h" in text
+    assert yaml.safe_load(text)["gyroscope_noise_density"] == pytest.approx(np.deg2rad(0.1) / 60)
 
 
 def test_a_walk_of_the_sensors_own_is_told_and_stands_for_nothing():

@@ -50,7 +50,7 @@ def lines(subject: Subject, scope: Scope, without: Collection[str] = ()) -> list
     replaced, lost = [], []
     for key, value in _stated(subject):
         name = key.rsplit(".", 1)[-1]
-        said = f"{key} = {shown(value, _LONGEST_VALUE)} {unit_of(name)}".rstrip()
+        said = f"{key} = {shown(_spelled(value), _LONGEST_VALUE)} {unit_of(name)}".rstrip()
         by = scope.replaced.get(key, scope.replaced.get(name))
         if by is not None and key.split(".")[0] not in without:
             replaced.append(f"replaced by {by}: {said}")
@@ -70,6 +70,13 @@ def _stated(subject: Subject) -> Iterator[tuple[str, Any]]:
         for own, value in vars(group).items():
             if value != plain[own] and _is_some(value):
                 yield f"{row.name}.{own}", value
+
+
+def _spelled(value: Any) -> Any:
+    """A key's value in words, a list of narrow-band lines by their own keys."""
+    if not isinstance(value, tuple):
+        return value
+    return "; ".join(", ".join(f"{k} {v}" for k, v in vars(own).items()) for own in value)
 
 
 def _is_some(value: Any) -> bool:

@@ -115,13 +115,17 @@ class Subject:
         """The sentence for one Allan variance and the sensor's, (L,) both."""
         said = f"{of}: Allan deviation within 5% of the sensor's"
         first, last = (f"{tau:.9g}" for tau in self.octaves[[0, -1]])
-        where = stretches(self.octaves, stand_in.agrees(variance, ours))
+        agreed = stand_in.agrees(variance, ours)
+        where = stretches(self.octaves, agreed)
         if where == f"{first} to {last} s" or not ours.any():
             return f"{said} at all octaves of {first} to {last} s"
         held = f"at octaves of {where} and at no other" if where else "at no octave"
-        ratio = np.sqrt(variance[-1] / ours[-1])
-        beyond = f"; at {last} s it is {ratio:.2g} times that" if abs(ratio - 1) > 0.05 else ""
-        return f"{said} {held} of {first} to {last} s{beyond}"
+        off = ~agreed & (ours > 0)
+        if not off.any():
+            return f"{said} {held} of {first} to {last} s"
+        ratios = np.sqrt(variance[off] / ours[off])
+        beyond = f"elsewhere {ratios.min():.2g} to {ratios.max():.2g} times that"
+        return f"{said} {held} of {first} to {last} s; {beyond}"
 
 
 def stretches(tau: np.ndarray, held: np.ndarray) -> str:

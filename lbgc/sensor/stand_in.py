@@ -1,21 +1,29 @@
 """Few figures in the place of a sensor's law: white noise with a random walk, or with one
 first-order Gauss-Markov process, which is all that most other tools' error models have.
 
-The figures are chosen on the Allan curve, at four averaging times an octave. Two Allan deviations
-agree where their ratio is between 1/1.05 and 1.05. Of a stand-in whose Allan variance is s g(tau),
-beside what is told as it is, w(tau), a size s agrees with a target A(tau) at one time where
+The figures are chosen on the Allan curve, at four averaging times an octave. The target has what is
+white and what is slow; tones, lines, ramps and quantisation look like neither, and no figure is
+bent towards them. For flicker of coefficient B over white noise N, let F = 2 ln 2/pi B^2 and tau_c
+= N^2/F, where both are equal. White noise alone is the sensor within 5% up to 0.10 tau_c.
+
+**A random walk** rises where flicker is level, and is like it at one averaging time. Filters take
+it, and are judged by where it is worst, so its worst departure up to the longest time L is made the
+least. It is level with the flicker at tau_K = 3 F/K^2. In between, at sqrt(tau_c tau_K), walk and
+white noise together fall short by (tau_K/tau_c)^(1/4)/sqrt 2, and at L the walk exceeds by
+sqrt(L/tau_K). These are equal for tau_K = (4 L^2 tau_c)^(1/3), where both are (L/(4 tau_c))^(1/6):
+3 for L = 3000 tau_c. A shorter L makes a larger walk, which holds better up to there.
+
+**A Gauss-Markov process** has a level stretch of its own. Simulators draw it, and are asked where
+they are right, so it is the one that agrees at the most averaging times: two Allan deviations agree
+where their ratio is between 1/1.05 and 1.05. Of a process whose Allan variance is s g(tau), beside
+what is told as it is, w(tau), a size s agrees with a target A(tau) where
 
     (A/1.05^2 - w)/g <= s <= (1.05^2 A - w)/g.
 
-At how many times a size agrees changes at the ends of these intervals only. The size that is
-taken agrees at the most, and of those that do it has the least worst departure. A process's
-correlation time T is looked for likewise, on a grid. The target has what is white and what is slow;
-tones, lines, ramps and quantisation look like neither, and no figure is bent towards them.
-
-For flicker of coefficient B over white noise N, with F = 2 ln 2/pi B^2 and tau_c = N^2/F, where
-both are equal: white noise alone agrees up to 0.10 tau_c, a random walk of K = 2.7 F/N beside it up
-to 0.53 tau_c, and a process of T = 0.7 tau_c and sigma = 1.16 B up to 3.3 tau_c. Beyond that the
-walk's deviation rises and the process's falls, where flicker's stays at 0.664 B.
+At how many times a size agrees changes at the ends of these intervals only. The size that is taken
+agrees at the most, and of those that do it has the least worst departure there; correlation times
+are tried on a grid. For flicker T = 0.7 tau_c and sigma = 1.16 B come out, within 5% up to 3.3
+tau_c. Beyond, the process's deviation falls, where flicker's stays at 0.664 B.
 """
 
 from collections.abc import Sequence
@@ -34,6 +42,8 @@ FAR = 1000.0
 """Correlation time, in longest averaging times, with which a process is a random walk."""
 _TIMES = 2.0 ** (1 / 8)
 """Ratio of neighbouring correlation times that are tried."""
+_WALKS, _WIDE = 4000, 100.0
+"""Sizes of a random walk that are tried, and how far beyond those that a curve is level with."""
 _SIZES = 64
 """Sizes that are tried between the ends of the best ones."""
 
@@ -135,14 +145,17 @@ def white(axes: Sequence[Slow]) -> list[Figures]:
 def walking(axes: Sequence[Slow], tau: np.ndarray) -> Figures:
     """White noise and a random walk that stand for all of these axes: at each averaging time tau
     (L,), s, from the sample interval on, the largest of their Allan variances is meant. Where one
-    has a random walk of its own, the largest of these is it; else one stands for the processes."""
+    has a random walk of its own, the largest of these is it; else one stands for the processes,
+    whose worst departure is least."""
     N, own = max(axis.N for axis in axes), max(axis.K for axis in axes)
     if own > 0 or not any(axis.processes for axis in axes):
         return Figures(N, own)
     target = np.max([axis.allan_variance(tau) for axis in axes], axis=0)
     known, unit = (f.allan_variance(tau, tau[0]) for f in (Figures(N), Figures(0.0, 1.0)))
-    (found,), _, _ = _best(unit, target[None], known[None])
-    return Figures(N, float(np.sqrt(found)))
+    level = target / unit
+    tried = np.geomspace(level.min() / _WIDE, level.max() * _WIDE, _WALKS)
+    departure = np.abs(np.log((known + tried[:, None] * unit) / target)).max(axis=1)
+    return Figures(N, float(np.sqrt(tried[np.argmin(departure)])))
 
 
 def reverting(axes: Sequence[Slow], tau: np.ndarray, walk: bool = False) -> list[Figures]:
