@@ -116,11 +116,10 @@ def draw(report: Report, name: str, own: Subject, found: list[Curve], seen: dict
         axes.set_ylabel("rad/s" if part == "gyro" else "m/s^2")
         axes.set_ylim(ours[ours > 0].min() / 3, ours.max() * 3)
         axes.grid(True, which="both", color="0.9", linewidth=0.5)
-        axes.legend(
-            loc="lower left",
-            fontsize="x-small",
-            title="lines: law; dots: simulated; ticks: claimed",
-        )
+    said = "lines: law\ndots: simulated\nticks: claimed"
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside right upper", fontsize="x-small", title=said
+    )
     figure.savefig(report.directory / f"{name}.png", dpi=120)
 
 
