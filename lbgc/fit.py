@@ -120,11 +120,15 @@ def main(config: FitConfig) -> Path:
 
 
 def _export(yaml: str, rate_hz: float, formats: Sequence[str], directory: Path) -> None:
-    """Write the sensor of a YAML file, at this rate (Hz), in the terms of other tools."""
+    """Write the sensor of a YAML file, at this rate (Hz), in the terms of other tools, with the
+    intervals that stand in its comments."""
     if not formats:
         return
     directory.mkdir(exist_ok=True)
-    subject = Subject(build(ImuConfig, parse(yaml.encode())), rate_hz)
+    intervals = (line.strip() for line in yaml.splitlines() if "  # " in line)
+    doubts = tuple(f"fitted, 95% intervals behind: {line}" for line in intervals)
+    sensor = build(ImuConfig, parse(yaml.encode()))
+    subject = Subject(sensor, rate_hz, doubts=doubts)
     for name, text in written(subject, formats).items():
         write_atomically(directory / name, text)
 

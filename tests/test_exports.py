@@ -384,8 +384,13 @@ def test_a_fit_is_exported_as_its_sensor_is(cli, tmp_path, monkeypatch):
     assert done.code == 0, done.err
     directory = tmp_path / done.last_line
     sensor = build(ImuConfig, yaml.safe_load((directory / "imu/mine.yaml").read_text()))
-    found = {p.name: p.read_text() for p in (directory / "export").iterdir()}
-    assert found == written(Subject(sensor, 10.0), ["kalibr", "ros"])
+    for name, text in written(Subject(sensor, 10.0), ["kalibr", "ros"]).items():
+        lines = (directory / "export" / name).read_text().splitlines(keepends=True)
+        fitted = [line for line in lines if "fitted, 95% intervals behind: " in line]
+        assert any(
+            re.search(r"arw_deg_per_sqrt_h: \[.*\]  # [\d.]+\.\.[\d.]+, ", f) for f in fitted
+        )
+        assert "".join(line for line in lines if line not in fitted) == text
     refused = cli("lbgc.fit", "data=d.zarr", "export=[csv]")
     assert (refused.code, "export = csv: choose from kalibr" in refused.err) == (2, True)
 

@@ -25,11 +25,14 @@ _FINE = 4
 
 @dataclass(frozen=True)
 class Subject:
-    """A sensor, how fast it samples, and up to which averaging time its curve matters."""
+    """A sensor, how fast it samples, and up to which averaging time, s, its curve matters. Raises
+    InputError where these do not go together."""
 
     config: ImuConfig
     rate_hz: float
     longest_s: float = LONGEST_S
+    doubts: tuple[str, ...] = ()
+    """How surely its figures are known, a line each."""
 
     def __post_init__(self) -> None:
         require_positive("rate_hz", self.rate_hz)
@@ -88,12 +91,13 @@ class Subject:
         return [found[axis] for axis in every]
 
     def title(self, tool: str) -> list[str]:
-        """Whose figures these are, for which tool, and what is assumed of the sensor."""
+        """Whose figures these are, for which tool, what is assumed, and how surely it is known."""
         lines = [
             f"{shown(self.config.name)}, by lbgc, for {tool}; samples at {self.rate_hz:g} Hz, SI "
             "units; x, y, z are forward, right, down"
         ]
-        return lines + [shown(line, 4 * LONGEST) for line in warnings(self.model, self.dt)]
+        more = (*warnings(self.model, self.dt), *self.doubts)
+        return lines + [shown(line, 4 * LONGEST) for line in more]
 
     def agreement(self, part: str, figures: Sequence[Figures] | Figures) -> list[str]:
         """Where the Allan deviation of these figures is within 5% of the sensor's: a sentence for
