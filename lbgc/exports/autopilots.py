@@ -7,8 +7,8 @@ predictCovariance, h = EKF2_PREDICT_US of 10 ms; ArduPilot, libraries/AP_NavEKF3
 AP_NavEKF3_core.cpp, CovariancePrediction, where the bias's state is an angle h b, h = EKF_TARGET_DT
 of 12 ms). Units alone, rad/s, do not tell this: at another step these are other figures.
 
-They are the sensor's alone. The defaults are tens of times as large, since an airframe's vibration
-and what the model leaves out are in them. Flicker has no figure: a random walk
+They are the sensor's alone. The defaults are far larger, since an airframe's vibration and what the
+model leaves out are in them. Flicker has no figure: a random walk
 stands for it where the sensor has none of its own.
 """
 

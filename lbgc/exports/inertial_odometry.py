@@ -6,8 +6,9 @@ walks by random_walk sqrt(dt) a sample (Kalibr wiki, "IMU Noise Model"; OpenVINS
 ov_msckf/src/state/Propagator.cpp, where both are squared, the first over dt and the second times
 dt). So they are IEEE Std 952's N and K, and no sqrt(2) comes in. Neither has flicker. Of a sensor
 that is stated with a random walk, that is told and the flicker is lost; else a random walk stands
-for the flicker (`lbgc.sensor.stand_in`), since none at all would be a bias that never moves, by
-which Kalibr divides. The keys are those of `lbgc.sensor.kalibr`.
+for the flicker (`lbgc.sensor.stand_in`), since none at all would be a bias that never moves, and
+Kalibr divides by its square (IccSensors.py, addBiasMotionTerms). The keys are those of
+`lbgc.sensor.kalibr`.
 """
 
 from lbgc.exports.losses import COUNTS, SLOW, WALK, WHITE, Scope, lines, walked, whites

@@ -10,7 +10,9 @@ BiasInstability is the standard deviation of a sample of white noise, which the 
 BiasInstabilityCoefficients then shapes. The default, fractalcoef, has one pole at 1/2: it forgets
 within two samples, and makes no flat floor of the Allan deviation. So a pole at e^(-dt/T) is given,
 which makes a first-order Gauss-Markov process of sigma, with BiasInstability = sigma sqrt(1 -
-e^(-2 dt/T)), in the place of flicker; one T for a triad's three axes (`lbgc.sensor.stand_in`). The
+e^(-2 dt/T)), in the place of flicker; one T for a triad's three axes (`lbgc.sensor.stand_in`). More
+poles would follow flicker further, but so near to 1 they lose their places in the rounding of the
+filter's coefficients, in single precision first; and fractalcoef would take rate x T of them. The
 filter begins at zero, so that the process has its law after some T. Both drifts begin at zero.
 
 `loadparams` takes only numbers and "inf", and passes over what is in a part beside Accelerometer
