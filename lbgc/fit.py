@@ -33,7 +33,7 @@ from lbgc.report.allan_page import AllanData, draw
 from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
-from lbgc.report.fitted_yaml import sensor_yaml
+from lbgc.report.fitted_yaml import intervals, sensor_yaml
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.fitting import axes, corner, warmup
@@ -125,10 +125,8 @@ def _export(yaml: str, rate_hz: float, formats: Sequence[str], directory: Path) 
     if not formats:
         return
     directory.mkdir(exist_ok=True)
-    intervals = (line.strip() for line in yaml.splitlines() if "  # " in line)
-    doubts = tuple(f"fitted, 95% intervals behind: {line}" for line in intervals)
     sensor = build(ImuConfig, parse(yaml.encode()))
-    subject = Subject(sensor, rate_hz, doubts=doubts)
+    subject = Subject(sensor, rate_hz, doubts=tuple(intervals(yaml)))
     for name, text in written(subject, formats).items():
         write_atomically(directory / name, text)
 

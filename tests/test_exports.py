@@ -281,6 +281,10 @@ def test_a_walk_of_the_sensors_own_is_told_and_stands_for_nothing():
     assert "lost: gyro.bias_instability_deg_per_h = 2.0 deg/h" in text
     assert "replaced by the random walk: accel.bias_instability_ug = 50.0 ug" in text
     assert "Kalibr divides" not in text
+    two = {"rrw_deg_per_h_per_sqrt_h": [6, 0, 3], "bias_instability_deg_per_h": 2.0}
+    mixed = subject({"arw_deg_per_sqrt_h": 0.1, **two})
+    lost = "lost: gyro.bias_instability_deg_per_h"
+    assert [lost in FORMATS[name].text(mixed) for name in ("kalibr", "px4", "gtsam")] == [1, 1, 0]
     assert "gyro: the sensor is stated with no drift" in FORMATS["kalibr"].text(
         subject({"arw_deg_per_sqrt_h": 0.1})
     )
@@ -388,7 +392,8 @@ def test_a_fit_is_exported_as_its_sensor_is(cli, tmp_path, monkeypatch):
         lines = (directory / "export" / name).read_text().splitlines(keepends=True)
         fitted = [line for line in lines if "fitted, 95% intervals behind: " in line]
         assert any(
-            re.search(r"arw_deg_per_sqrt_h: \[.*\]  # [\d.]+\.\.[\d.]+, ", f) for f in fitted
+            re.search(r": gyro\.arw_deg_per_sqrt_h: \[.*\]  # [\d.]+\.\.[\d.]+, ", f)
+            for f in fitted
         )
         assert "".join(line for line in lines if line not in fitted) == text
     refused = cli("lbgc.fit", "data=d.zarr", "export=[csv]")

@@ -91,6 +91,6 @@ def _written(subject: Subject, tool: _Filter) -> str:
         *(worst(subject, part) for part in PARTS),
         *whites(subject),
         *(s for part in PARTS for s in subject.agreement(part, subject.walking(part))),
-        *lines(subject, _SCOPE, walked(subject)),
+        *lines(subject, _SCOPE, walked(subject, each=False)),
     ]
     return "\n".join([*(f"# {line}" for line in comments), *rows]) + "\n"

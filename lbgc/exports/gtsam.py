@@ -31,7 +31,7 @@ def gtsam(subject: Subject) -> str:
         "others by it",
         *whites(subject),
         *(said for part in PARTS for said in subject.agreement(part, figures[part])),
-        *lines(subject, _SCOPE, walked(subject)),
+        *lines(subject, _SCOPE, walked(subject, each=True)),
     ]
     out = [f"# {line}" for line in comments]
     for name, part, field, unit in _ROWS:

@@ -62,7 +62,7 @@ def _comments(subject: Subject, tool: str) -> list[str]:
         *whites(subject),
         *(s for part in PARTS for s in subject.agreement(part, subject.walking(part))),
         *(said for part in PARTS for said in _unwalked(subject, part)),
-        *lines(subject, _SCOPE, walked(subject)),
+        *lines(subject, _SCOPE, walked(subject, each=False)),
     ]
     return [f"# {line}" for line in found]
 

@@ -94,9 +94,11 @@ def whites(subject: Subject, parts: Sequence[str] = PARTS) -> list[str]:
     ]
 
 
-def walked(subject: Subject) -> list[str]:
-    """The triads whose axes all have a random walk of their own, which then stands for nothing."""
-    return [part for part in PARTS if all(axis.K > 0 for axis in subject.slow(part))]
+def walked(subject: Subject, each: bool) -> list[str]:
+    """The triads that are told with a random walk of their own, which then stands for nothing.
+    each : whether every axis has a figure, so that all of them must have one; else any will do."""
+    enough = all if each else any
+    return [part for part in PARTS if enough(axis.K > 0 for axis in subject.slow(part))]
 
 
 def _carried(subject: Subject, part: str) -> bool:

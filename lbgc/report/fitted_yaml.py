@@ -1,5 +1,8 @@
 """The fitted sensor as a YAML file of the form of `conf/imu/`."""
 
+import re
+from collections.abc import Iterator
+
 import numpy as np
 
 from lbgc.data.static import Static
@@ -52,6 +55,16 @@ def sensor_yaml(
             lines += _bias_lines(calibration)
         lines += more.triads[part]
     return "\n".join(lines) + "\n"
+
+
+def intervals(yaml: str) -> Iterator[str]:
+    """The lines of a fitted sensor's YAML file that have intervals behind them, each with its
+    triad's name in front; those of narrow-band lines are left out."""
+    part = ""
+    for line in yaml.splitlines():
+        part = line.removesuffix(":") if line.endswith(":") and line[0] != " " else part
+        if re.match(r"  \w.*  # ", line):
+            yield f"fitted, 95% intervals behind: {part}.{line.strip()}"
 
 
 def _yaml_line(name: str, which: int, fits: list[Fit]) -> list[str]:
