@@ -163,6 +163,19 @@ def disturbance() -> None:
     assert lean[0] != lean[1]
 
 
+def export_format() -> None:
+    """Its figures are the sensor's, and what it does not tell is said."""
+    from lbgc.units import factor
+
+    text = Path("outputs/export_imu/latest/table.csv").read_text()
+    rows = [line.split(",") for line in text.splitlines() if line[0] != "#"]
+    assert [row[:2] for row in rows[:2]] == [["gyro", "forward"], ["gyro", "right"]]
+    density = np.sqrt(2) * 0.15 * factor("arw_deg_per_sqrt_h")  # and counts, hardly
+    assert float(rows[0][2]) == pytest.approx(density, rel=1e-3)
+    assert "# replaced by the drift: gyro.allan_minimum_deg_per_h = 0.3 deg/h" in text
+    assert "# lost: gyro.bias_session_deg_per_h = 4.0 deg/h" in text
+
+
 def network() -> None:
     """The trained run answers, each window from itself alone; and a correction starts from its
     base."""
@@ -193,6 +206,7 @@ CHECKS = {
     "An error that is drawn once": drawn_once,
     "A classical estimator": estimator,
     "A log format": log_format,
+    "An export format": export_format,
     "A floor disturbance": disturbance,
     "A network": network,
 }
