@@ -1,17 +1,18 @@
-"""Fit a sensor's noise to its own static log, or to a dataset.
+"""Fit a sensor's noise to its own static log, to a dataset, or to a published Allan curve.
 
 python lbgc/fit.py log.path=mine.csv log.latitude=48.1 name=mine
+python lbgc/fit.py curve.gyro=curve.csv curve.gyro_unit=deg/h name=theirs
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 from lbgc.commands import CONF, run_main
-from lbgc.data import logs
+from lbgc.data import curves, logs
 from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
@@ -26,14 +27,14 @@ from lbgc.outputs import (
     task_directory,
     write_atomically,
 )
-from lbgc.report import calibration_table
-from lbgc.report.allan_page import AllanData, draw
+from lbgc.report import allan_page, calibration_table, fitted_curve
+from lbgc.report.allan_page import AllanData
 from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
-from lbgc.report.fitted_yaml import sensor_yaml
+from lbgc.report.fitted_yaml import curve_yaml, sensor_yaml
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
-from lbgc.sensor.fitting import axes, corner, warmup
+from lbgc.sensor.fitting import allan_fit, axes, corner, warmup
 from lbgc.sensor.fitting.noise_fit import Fit
 
 SHORTEST_S = 60.0
@@ -47,6 +48,8 @@ class FitConfig:
     """A static log."""
     data: str | None = None
     """Or a dataset of resting recordings, whose noise is pooled."""
+    curve: curves.CurveConfig = field(default_factory=curves.CurveConfig)
+    """Or a published Allan curve."""
     name: str = "mine"
     """Name of the fitted sensor: `imu=NAME`."""
     flicker_short_s: float | None = None
@@ -61,9 +64,11 @@ class FitConfig:
     log is short. No result depends on it."""
 
     def __post_init__(self) -> None:
-        one = (self.data is None) != (self.log is None)
-        given = "both" if self.log is not None else "nothing"
-        require(one, "data or log", given, "give one: log=NAME, or data=PATH")
+        said = {"log": self.log is not None, "data": self.data is not None}
+        said["curve"] = self.curve.is_given
+        given = " and ".join(name for name, one in said.items() if one) or "nothing"
+        about = "give one: log=NAME, data=PATH, or curve.gyro=FILE"
+        require(sum(said.values()) == 1, "log, data or curve", given, about)
         require(self.name.isidentifier(), "name", self.name, "must be a plain word")
         shipped = (Path(CONF) / "imu" / f"{self.name}.yaml").exists()
         require(not shipped, "name", self.name, "is a sensor's that lbgc has; call yours otherwise")
@@ -86,6 +91,8 @@ class FitConfig:
 def main(config: FitConfig) -> Path:
     """Fit every axis, print the results, write the sensor and its plots, and return their
     directory."""
+    if config.curve.is_given:
+        return _of_curves(config)
     static = _read(config)
     _require_steady(static, config.corners)
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
@@ -103,12 +110,49 @@ def main(config: FitConfig) -> Path:
     write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
     for part in PARTS:
         data = AllanData(part, getattr(static, part), static.dt, static.latitude)
-        for name, figure in draw(data, fits[part]).items():
+        for name, figure in allan_page.draw(data, fits[part]).items():
             write_atomically(directory / f"{name}.png", png(figure))
+    return _finished(directory, config.name)
+
+
+def _finished(directory: Path, name: str) -> Path:
+    """The directory, marked as the latest, once the command that uses the sensor is printed."""
     mark_latest(directory)
     print("use it:")
-    print(f"python sim/generate.py --config-dir {directory} imu={config.name}")
+    print(f"python sim/generate.py --config-dir {directory} imu={name}")
     return directory
+
+
+def _of_curves(config: FitConfig) -> Path:
+    """Fit the published Allan curves, as `main` fits a log."""
+    given = {part: getattr(config.curve, part) for part in PARTS}
+    files = {part: _file_names(file) for part, file in given.items() if file is not None}
+    read = {part: curves.read(config.curve, part) for part in files}
+    choose = config.flicker_short_s is None
+    found = {
+        part: allan_fit.fitted_together(own, config.corners, choose) for part, own in read.items()
+    }
+    directory = task_directory("fit", fingerprint(asdict(config)))
+    (directory / "imu").mkdir(exist_ok=True)
+    for part, own in found.items():
+        print(fitted_curve.report(part, files[part], own))
+        figure = allan_page.draw_curve(part, own)
+        write_atomically(directory / f"allan_{part}.png", png(figure))
+    three = {part: own * (3 // len(own)) for part, own in found.items()}
+    fits = {part: [one.fit for one in own] for part, own in three.items()}
+    of = " and ".join(f"the {part}'s Allan curve {files[part]}" for part in files)
+    yaml = curve_yaml(config.name, of, fits)
+    write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
+    content = {part: [fitted_curve.of_curve(one) for one in own] for part, own in three.items()}
+    write_atomically(directory / "fit.json", as_json(content) + "\n")
+    return _finished(directory, config.name)
+
+
+def _file_names(given: str | list[str]) -> str:
+    """The names of one file or of three, without their directories."""
+    return ", ".join(
+        shown(Path(one).name) for one in ([given] if isinstance(given, str) else given)
+    )
 
 
 def _require_steady(static: Static, corners: tuple[float, float]) -> None:

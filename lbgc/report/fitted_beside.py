@@ -48,6 +48,7 @@ def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None)
         + _counts(fits[part], which)
         + (_bias(sizes[part], which) if sizes and part in sizes else [])
         for which, part in enumerate(PARTS)
+        if part in fits
     }
     return Beside(top, triads)
 
@@ -67,7 +68,7 @@ def _decays(fit: Fit) -> list[MeanChange]:
 def _common_time(fits: dict[str, list[Fit]]) -> float | None:
     """One time constant for all axes, s: the mean of the decays' logarithms, weighted by the
     inverse squares of their intervals' widths. None where nothing decays."""
-    every = [c for part in PARTS for fit in fits[part] for c in _decays(fit)]
+    every = [c for part in fits for fit in fits[part] for c in _decays(fit)]
     if not every:
         return None
     width = np.array([max(np.log(c.high / c.low), 1e-3) for c in every])
