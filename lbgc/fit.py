@@ -250,7 +250,13 @@ def _read(config: FitConfig) -> Static:
     require(still, "data", name, "has a plate that turns; noise is fitted to resting recordings")
     headings = [r.heading_reference for r in records]
     first = round(config.skip_s * records[0].rate_hz)
-    n = min(len(r.gyro) for r in records)
+    n, longest = (f(len(r.gyro) for r in records) for f in (min, max))
+    if n < longest:
+        print(
+            f"lengths: recordings have {n / records[0].rate_hz:g} to "
+            f"{longest / records[0].rate_hz:g} s, and the first {n / records[0].rate_hz:g} s of "
+            "each are used; their biases are free"
+        )
     seconds = max(0, n - first) / records[0].rate_hz
     if seconds < SHORTEST_S:
         raise InputError(

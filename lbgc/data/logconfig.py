@@ -31,8 +31,9 @@ class LogConfig:
     reader: str = "table"
     """table: CSV or Parquet with named columns. recordings: a directory of CSV files
     `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
-    path: str = ""
-    """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS."""
+    path: str | list[str] = ""
+    """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS. Or several files of one
+    sensor and one layout, each a recording: [first.csv, second.csv]."""
     gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
     """The file's gyro columns, x, y and z. Where it has none of the default ones, names such as gx
     (deg/s), gyro_x or angular_velocity.x are found."""
@@ -94,7 +95,9 @@ class LogConfig:
     def __post_init__(self) -> None:
         require_name("name", self.name)
         require_choice("reader", self.reader, READERS)
-        require(bool(self.path), "path", self.path, "must name a file")
+        require(bool(self.files) and "" not in self.files, "path", self.path, "must name a file")
+        once = len(set(self.files)) == len(self.files)
+        require(once, "path", self.path, "names a file twice")
         for name in ("gyro_columns", "accel_columns"):
             columns = getattr(self, name)
             require(len(set(columns)) == 3, name, columns, "must be three column names")
@@ -129,6 +132,11 @@ class LogConfig:
             require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
         if self.latitude is not None:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+
+    @property
+    def files(self) -> list[str]:
+        """The log's files: several, or the one."""
+        return self.path if isinstance(self.path, list) else [self.path]
 
     @property
     def axes_of_accel(self) -> list[str]:

@@ -30,7 +30,8 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     """
     found = [
         all_checks.checked(record, raw.config, imu, north)
-        for raw in READERS[config.reader](find(config.path), config)
+        for file in config.files
+        for raw in READERS[config.reader](find(file), replace(config, path=file))
         for record in _records(raw)
     ]
     yield from all_checks.together(_told_apart(found), config, north)

@@ -79,7 +79,7 @@ def only_file(path: Path, named: str | Path) -> Path:
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `table`: the one recording of a CSV or Parquet file with named columns."""
-    yield of_sheet(sheet(only_file(path, config.path)), outputs.shown(path.stem), config)
+    yield of_sheet(sheet(only_file(path, str(config.path))), outputs.shown(path.stem), config)
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
