@@ -33,11 +33,15 @@ from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
 from lbgc.report.fitted_beside import bias_sizes
 from lbgc.report.fitted_yaml import curve_yaml, sensor_yaml
+from lbgc.report.remarks import of_outliers
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
 from lbgc.sensor.fitting import allan_fit, axes, corner, warmup
 from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.outliers import without_outliers
 
 SHORTEST_S = 60.0
+MOST_OUTLIERS = 0.02
+"""Share of an axis's samples that may be spikes and knocks."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class FitConfig:
     """Longer corner of the bias instability's flat floor."""
     skip_s: float = 0.0
     """Seconds to leave out at the start of each recording, while the sensor warms up."""
+    robust: bool = False
+    """Whether spikes and short knocks are found and replaced by noise like that beside them."""
     processes: int | None = None
     """Number of axes fitted at the same time; null: one a core, or one after the other where the
     log is short. No result depends on it."""
@@ -94,6 +100,8 @@ def main(config: FitConfig) -> Path:
     if config.curve.is_given:
         return _of_curves(config)
     static = _read(config)
+    if config.robust:
+        static = _without_outliers(static)
     _require_steady(static, config.corners)
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
     fits = _fitted(static, config, directory / "axes")
@@ -153,6 +161,23 @@ def _file_names(given: str | list[str]) -> str:
     return ", ".join(
         shown(Path(one).name) for one in ([given] if isinstance(given, str) else given)
     )
+
+
+def _without_outliers(static: Static) -> Static:
+    """The recordings without spikes and short knocks; what was found is printed. Raises InputError
+    where so much is that it is no exception."""
+    values = {part: np.empty(getattr(static, part).shape) for part in PARTS}
+    for which, part in enumerate(PARTS):
+        for axis, name in enumerate(AXES):
+            series = getattr(static, part)[:, :, axis]
+            values[part][:, :, axis], found = without_outliers(series, static.dt)
+            print(of_outliers(f"{part} {name}", found, which))
+            share = 0.0 if found is None else found.share
+            about = (
+                f"of {part} {name} are far from its noise: that is no exception but what it does"
+            )
+            require(share <= MOST_OUTLIERS, "robust", f"{100 * share:.2g}% of the samples", about)
+    return replace(static, gyro=values["gyro"], accel=values["accel"])
 
 
 def _require_steady(static: Static, corners: tuple[float, float]) -> None:
@@ -235,7 +260,8 @@ def _read(config: FitConfig) -> Static:
     or they are shorter than a minute."""
     session = None
     if config.log is not None:
-        records = list(logs.read(config.log, north=False))
+        accept = [*config.log.accept, *(["outliers"] if config.robust else [])]
+        records = list(logs.read(replace(config.log, accept=accept), north=False))
         require_one_rate(records)
         for note in dict.fromkeys(note for record in records for note in record.notes):
             print(note)

@@ -3,6 +3,7 @@ counts on what can be told."""
 
 from lbgc.sensor.fitting.counts import Counts
 from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.outliers import Outliers
 from lbgc.sensor.fitting.warmup import MeanChange
 from lbgc.units import factor, unit_of
 
@@ -22,6 +23,21 @@ def remarks(fit: Fit, which: int) -> list[str]:
             "the search for terms was cut short: lines or terms may be there that are not here"
         )
     return said
+
+
+def of_outliers(name: str, found: Outliers | None, which: int) -> str:
+    """The remark on what was taken for spikes and knocks on an axis, of this name. which : 0 for a
+    gyro, 1 for an accelerometer."""
+    if found is None:
+        return f"robust: {name}: its counts hide what would be far from its noise"
+    if found.samples == 0:
+        return f"robust: {name}: no spikes or knocks"
+    key = _SIZE[which]
+    return (
+        f"robust: {name}: {found.samples} samples ({100 * found.share:.2g}%) in {found.places} "
+        f"places were taken for spikes or knocks, from {found.threshold:.2g} sigma on and up to "
+        f"{found.largest / factor(key):.3g} {unit_of(key)}: replaced by noise like that beside them"
+    )
 
 
 def of_course(c: MeanChange, which: int) -> str:
