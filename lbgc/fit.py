@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lbgc.commands import CONF, run_main
-from lbgc.data import curves, logs
+from lbgc.data import curves, finished_fits, logs
 from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
@@ -27,7 +27,7 @@ from lbgc.outputs import (
     task_directory,
     write_atomically,
 )
-from lbgc.report import allan_page, calibration_table, fitted_curve
+from lbgc.report import allan_page, calibration_table, fitted_curve, population
 from lbgc.report.allan_page import AllanData
 from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
@@ -38,6 +38,7 @@ from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
 from lbgc.sensor.fitting import allan_fit, axes, corner, warmup
 from lbgc.sensor.fitting.noise_fit import Fit
 from lbgc.sensor.fitting.outliers import without_outliers
+from lbgc.sensor.fitting.population import FEWEST as FEWEST_UNITS
 
 SHORTEST_S = 60.0
 MOST_OUTLIERS = 0.02
@@ -54,6 +55,8 @@ class FitConfig:
     """Or a dataset of resting recordings, whose noise is pooled."""
     curve: curves.CurveConfig = field(default_factory=curves.CurveConfig)
     """Or a published Allan curve."""
+    units: list[str] | None = None
+    """Or directories of finished fits, of units of one make, for the spread between these."""
     name: str = "mine"
     """Name of the fitted sensor: `imu=NAME`."""
     flicker_short_s: float | None = None
@@ -71,10 +74,13 @@ class FitConfig:
 
     def __post_init__(self) -> None:
         said = {"log": self.log is not None, "data": self.data is not None}
-        said["curve"] = self.curve.is_given
+        said |= {"curve": self.curve.is_given, "units": self.units is not None}
         given = " and ".join(name for name, one in said.items() if one) or "nothing"
-        about = "give one: log=NAME, data=PATH, or curve.gyro=FILE"
-        require(sum(said.values()) == 1, "log, data or curve", given, about)
+        about = "give one: log=NAME, data=PATH, curve.gyro=FILE, or units=[DIRECTORIES]"
+        require(sum(said.values()) == 1, "log, data, curve or units", given, about)
+        few = len({str(Path(one).resolve()) for one in self.units or ()}) < FEWEST_UNITS
+        about = f"must be {FEWEST_UNITS} directories of fits or more, each of another unit"
+        require(self.units is None or not few, "units", self.units, about)
         require(self.name.isidentifier(), "name", self.name, "must be a plain word")
         shipped = (Path(CONF) / "imu" / f"{self.name}.yaml").exists()
         require(not shipped, "name", self.name, "is a sensor's that lbgc has; call yours otherwise")
@@ -99,6 +105,8 @@ def main(config: FitConfig) -> Path:
     directory."""
     if config.curve.is_given:
         return _of_curves(config)
+    if config.units is not None:
+        return _of_units(config.units)
     static = _read(config)
     if config.robust:
         static = _without_outliers(static)
@@ -154,6 +162,21 @@ def _of_curves(config: FitConfig) -> Path:
     content = {part: [fitted_curve.of_curve(one) for one in own] for part, own in three.items()}
     write_atomically(directory / "fit.json", as_json(content) + "\n")
     return _finished(directory, config.name)
+
+
+def _of_units(directories: list[str]) -> Path:
+    """Tell the spread between units from their finished fits, print it, write `population.json`,
+    and return its directory. Raises InputError where two are one and the same fit."""
+    units = [finished_fits.estimates(one) for one in directories]
+    for k, one in enumerate(units):
+        require(one not in units[:k], "units", directories[k], "has the same fit as another unit")
+    told = population.populations(units)
+    print(population.report(told, len(units)))
+    directory = task_directory("fit", fingerprint({"units": directories}))
+    content = {"units": directories, **population.as_content(told)}
+    write_atomically(directory / "population.json", as_json(content) + "\n")
+    mark_latest(directory)
+    return directory
 
 
 def _file_names(given: str | list[str]) -> str:

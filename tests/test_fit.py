@@ -315,7 +315,7 @@ def test_logs_that_are_not_static_are_refused(cli, tmp_path, rng, name, says):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ((), "log, data or curve = nothing: give one"),
+        ((), "log, data, curve or units = nothing: give one"),
         (("data=nonesuch",), "is no dataset"),
         (("data=x", "name='a/b'"), "must be a plain word"),
         (("data=x", "flicker_long_s=0.5"), "above flicker_short_s"),
