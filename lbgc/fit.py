@@ -31,14 +31,15 @@ from lbgc.report import allan_page, calibration_table, fitted_curve, population
 from lbgc.report.allan_page import AllanData
 from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
-from lbgc.report.fitted_beside import bias_sizes
+from lbgc.report.fitted_beside import Warmth, bias_sizes
 from lbgc.report.fitted_yaml import curve_yaml, sensor_yaml
-from lbgc.report.remarks import of_outliers
+from lbgc.report.remarks import of_outliers, of_temperature
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
 from lbgc.sensor.fitting import allan_fit, axes, corner, warmup
 from lbgc.sensor.fitting.noise_fit import Fit
 from lbgc.sensor.fitting.outliers import without_outliers
 from lbgc.sensor.fitting.population import FEWEST as FEWEST_UNITS
+from lbgc.sensor.fitting.temperature import sensitivity
 
 SHORTEST_S = 60.0
 MOST_OUTLIERS = 0.02
@@ -110,6 +111,7 @@ def main(config: FitConfig) -> Path:
     static = _read(config)
     if config.robust:
         static = _without_outliers(static)
+    static, warmth = _without_temperature(static, config.corners)
     _require_steady(static, config.corners)
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
     fits = _fitted(static, config, directory / "axes")
@@ -121,9 +123,13 @@ def main(config: FitConfig) -> Path:
     sizes = bias_sizes(static, fits)
     if calibration is not None:
         del sizes["gyro"]
-    yaml = sensor_yaml(config.name, static, fits, calibration, sizes)
+    yaml = sensor_yaml(config.name, static, fits, calibration, sizes, warmth)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
-    write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
+    content = of_axes(fits)
+    for part, own in warmth.items():
+        for axis, one in zip(content[part], own, strict=True):
+            axis["bias_per_k"] = None if one is None else asdict(one)
+    write_atomically(directory / "fit.json", as_json(content) + "\n")
     for part in PARTS:
         data = AllanData(part, getattr(static, part), static.dt, static.latitude)
         for name, figure in allan_page.draw(data, fits[part]).items():
@@ -201,6 +207,25 @@ def _without_outliers(static: Static) -> Static:
             )
             require(share <= MOST_OUTLIERS, "robust", f"{100 * share:.2g}% of the samples", about)
     return replace(static, gyro=values["gyro"], accel=values["accel"])
+
+
+def _without_temperature(static: Static, corners: tuple[float, float]) -> tuple[Static, Warmth]:
+    """The recordings without what follows their temperature, as far as that is told from zero, and
+    each axis's bias against it, which is printed; nothing where none was recorded."""
+    if static.temperature is None:
+        return static, {}
+    off = static.temperature - static.temperature.mean()
+    values = {part: np.array(getattr(static, part)) for part in PARTS}
+    found: Warmth = {part: [] for part in PARTS}
+    for which, part in enumerate(PARTS):
+        for axis, name in enumerate(AXES):
+            series = values[part][:, :, axis]
+            one = sensitivity(series, static.temperature, static.dt, corners)
+            print(of_temperature(f"{part} {name}", one, which))
+            if one is not None and one.is_told:
+                series -= one.value * off
+            found[part].append(one)
+    return replace(static, gyro=values["gyro"], accel=values["accel"]), found
 
 
 def _require_steady(static: Static, corners: tuple[float, float]) -> None:
@@ -312,6 +337,7 @@ def _read(config: FitConfig) -> Static:
             name, f"{seconds:g}", "s", f"is too short to tell noise from bias; {SHORTEST_S:g} s "
             "at the least, and an hour to see a bias instability"
         )  # fmt: skip
+    warmth = [r.temperature[first:n] for r in records if r.temperature is not None]
     return Static(
         name,
         np.stack([r.gyro[first:n] for r in records]),
@@ -320,6 +346,7 @@ def _read(config: FitConfig) -> Static:
         records[0].latitude,
         None if any(h is None for h in headings) else np.array(headings, dtype=float),
         session,
+        np.stack(warmth) if len(warmth) == len(records) else None,
     )
 
 

@@ -44,6 +44,9 @@ class LogConfig:
     time_column: Any = None
     """The time column's name or position, or [seconds, nanoseconds] of two; null: found by its
     name, if there; none: not used."""
+    temperature_column: Any = None
+    """Name or position of a column of the sensor's temperature, degrees Celsius or kelvin, which
+    may be empty in rows between; null: none is used."""
     time_unit: str = "auto"
     """Unit of the time column, one of TIME_UNITS; auto: as the column's name says, or the one that
     makes sense."""
@@ -104,6 +107,8 @@ class LogConfig:
         require_choice("gyro_unit", self.gyro_unit, ["auto", *GYRO_UNITS])
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
         _require_columns(self.columns, self.time_column)
+        if self.temperature_column is not None:
+            _require_place("temperature_column", self.temperature_column)
         require_choice("time_unit", self.time_unit, ["auto", *TIME_UNITS])
         require_choice("gaps", self.gaps, GAPS)
         require_choice("repeats", self.repeats, REPEATS)
@@ -167,5 +172,10 @@ def _require_columns(columns: list[Any] | None, time: Any) -> None:
     require(good, "time_column", time, "must be one column, or [seconds, nanoseconds]")
     for key, given in (("columns", columns or []), ("time_column", times)):
         for name in given:
-            known = isinstance(name, str) or (type(name) is int and name > 0)
-            require(known, key, name, "must be a name, or a position counted from one")
+            _require_place(key, name)
+
+
+def _require_place(key: str, name: Any) -> None:
+    """Raise InputError unless a column is a name, or a position counted from one."""
+    known = isinstance(name, str) or (type(name) is int and name > 0)
+    require(known, key, name, "must be a name, or a position counted from one")

@@ -5,7 +5,7 @@ import numpy as np
 from lbgc.data.static import PARTS, Static
 from lbgc.outputs import as_json
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
-from lbgc.report.fitted_beside import beside, number
+from lbgc.report.fitted_beside import Beside, Warmth, beside, number
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting.bias_size import BiasSize
 from lbgc.sensor.fitting.noise_fit import Fit
@@ -20,12 +20,13 @@ def sensor_yaml(
     fits: dict[str, list[Fit]],
     calibration: Calibration | None = None,
     sizes: dict[str, BiasSize] | None = None,
+    warmth: Warmth | None = None,
 ) -> str:
     """The content of the fitted sensor's YAML file; parameters that cannot be told from zero are
     zero there.
 
     name : the sensor's; calibration : of the gyros, where the recordings allow one; sizes : of the
-    biases of gyro and accel, where a mean alone tells them.
+    biases of gyro and accel, where a mean alone tells them; warmth : what temperature told.
     """
     seconds = static.gyro.shape[1] * static.dt
     about = [
@@ -35,7 +36,7 @@ def sensor_yaml(
         "# zero is zero, with its 95% upper limit behind. A single recording tells biases by its",
         "# mean alone, and not how long they last: recordings with known headings do.",
     ]
-    return _yaml(name, about, fits, calibration, sizes)
+    return _yaml(name, about, fits, beside(fits, sizes, warmth), calibration)
 
 
 def curve_yaml(name: str, of: str, fits: dict[str, list[Fit]]) -> str:
@@ -47,18 +48,18 @@ def curve_yaml(name: str, of: str, fits: dict[str, list[Fit]]) -> str:
         "# zero is zero, with its 95% upper limit behind. A curve tells nothing of biases.",
         *(f"# No curve of its {part}: without noise here." for part in PARTS if part not in fits),
     ]
-    return _yaml(name, about, fits)
+    return _yaml(name, about, fits, beside(fits))
 
 
 def _yaml(
     name: str,
     about: list[str],
     fits: dict[str, list[Fit]],
+    more: Beside,
     calibration: Calibration | None = None,
-    sizes: dict[str, BiasSize] | None = None,
 ) -> str:
-    """The content of a fitted sensor's YAML file. about : the comments at its top."""
-    more = beside(fits, sizes)
+    """The content of a fitted sensor's YAML file. about : the comments at its top; more : what
+    stands beside the noise terms."""
     lines = [*about, f"name: {as_json(name)}", *more.top]
     for which, part in enumerate(PARTS):
         if part not in fits:
