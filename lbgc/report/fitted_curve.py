@@ -27,7 +27,8 @@ def report(part: str, file: str, found: list[CurveFit]) -> str:
     ):
         taus = one.curve.taus
         lines.append(
-            f"{part} {axis}: {len(taus)} points of {file}, from {taus[0]:g} to {taus[-1]:g} s"
+            f"{part} {axis}: {len(taus)} points of {file} are used, from {taus[0]:g} to "
+            f"{taus[-1]:g} s"
         )
         lines.append(f"  {weighed(one)}")
         for name, e in every_estimate(one.fit).items():
@@ -45,7 +46,9 @@ def report(part: str, file: str, found: list[CurveFit]) -> str:
 def weighed(one: CurveFit) -> str:
     """How a curve's points were weighed, in words."""
     record = one.curve.record_s or SHORTEST * float(one.curve.taus[-1])
-    return _WEIGHED[one.weights].format(record=record)
+    said = _WEIGHED[one.weights].format(record=record)
+    both = one.weights == "recording" and one.curve.sigma is not None
+    return f"{said}, as large as the curve states" if both else said
 
 
 def explained(one: CurveFit) -> str:
