@@ -74,7 +74,7 @@ def find(path: str) -> Path:
     )
 
 
-def only_file(path: Path, named: str | Path) -> Path:
+def only_file(path: Path, named: str | Path | list[str]) -> Path:
     """The path, if it is that of a plain file. Raises InputError otherwise, since a device or a
     pipe may have no end. named : the path as the message shows it."""
     require(path.is_file(), "log.path", named, "is no file")
@@ -83,7 +83,7 @@ def only_file(path: Path, named: str | Path) -> Path:
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `table`: the one recording of a CSV or Parquet file with named columns."""
-    yield of_sheet(sheet(only_file(path, str(config.path))), outputs.shown(path.stem), config)
+    yield of_sheet(sheet(only_file(path, config.path)), outputs.shown(path.stem), config)
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
