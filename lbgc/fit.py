@@ -1,6 +1,7 @@
-"""Fit a sensor's noise to its own static log, or to a dataset.
+"""Fit a sensor's noise to its own static log, to a dataset, or to a published Allan curve.
 
 python lbgc/fit.py log.path=mine.csv log.latitude=48.1 name=mine
+python lbgc/fit.py curve.gyro=curve.csv curve.gyro_unit=deg/h name=theirs
 """
 
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lbgc.commands import CONF, run_main
-from lbgc.data import logs
+from lbgc.data import curves, finished_fits, logs
 from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
@@ -28,19 +29,25 @@ from lbgc.outputs import (
     task_directory,
     write_atomically,
 )
-from lbgc.report import calibration_table
-from lbgc.report.allan_page import AllanData, draw
+from lbgc.report import allan_page, calibration_table, fitted_curve, population
+from lbgc.report.allan_page import AllanData
 from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
-from lbgc.report.fitted_beside import bias_sizes
-from lbgc.report.fitted_yaml import intervals, sensor_yaml
+from lbgc.report.fitted_beside import Warmth, bias_sizes
+from lbgc.report.fitted_yaml import curve_yaml, intervals, sensor_yaml
+from lbgc.report.remarks import of_outliers, of_temperature
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
 from lbgc.sensor.datasheet import ImuConfig
-from lbgc.sensor.fitting import axes, corner, warmup
+from lbgc.sensor.fitting import allan_fit, axes, corner, warmup
 from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.outliers import without_outliers
+from lbgc.sensor.fitting.population import FEWEST as FEWEST_UNITS
+from lbgc.sensor.fitting.temperature import sensitivity
 from lbgc.user_yaml import parse
 
 SHORTEST_S = 60.0
+MOST_OUTLIERS = 0.02
+"""Share of an axis's samples that may be spikes and knocks."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,10 @@ class FitConfig:
     """A static log."""
     data: str | None = None
     """Or a dataset of resting recordings, whose noise is pooled."""
+    curve: curves.CurveConfig = field(default_factory=curves.CurveConfig)
+    """Or a published Allan curve."""
+    units: list[str] | None = None
+    """Or directories of finished fits, of units of one make, for the spread between these."""
     name: str = "mine"
     """Name of the fitted sensor: `imu=NAME`."""
     flicker_short_s: float | None = None
@@ -60,6 +71,8 @@ class FitConfig:
     """Longer corner of the bias instability's flat floor."""
     skip_s: float = 0.0
     """Seconds to leave out at the start of each recording, while the sensor warms up."""
+    robust: bool = False
+    """Whether spikes and short knocks are found and replaced by noise like that beside them."""
     processes: int | None = None
     """Number of axes fitted at the same time; null: one a core, or one after the other where the
     log is short. No result depends on it."""
@@ -67,9 +80,14 @@ class FitConfig:
     """Other tools to write the result for, as `lbgc/export_imu.py` does, at the log's rate."""
 
     def __post_init__(self) -> None:
-        one = (self.data is None) != (self.log is None)
-        given = "both" if self.log is not None else "nothing"
-        require(one, "data or log", given, "give one: log=NAME, or data=PATH")
+        said = {"log": self.log is not None, "data": self.data is not None}
+        said |= {"curve": self.curve.is_given, "units": self.units is not None}
+        given = " and ".join(name for name, one in said.items() if one) or "nothing"
+        about = "give one: log=NAME, data=PATH, curve.gyro=FILE, or units=[DIRECTORIES]"
+        require(sum(said.values()) == 1, "log, data, curve or units", given, about)
+        few = len({str(Path(one).resolve()) for one in self.units or ()}) < FEWEST_UNITS
+        about = f"must be {FEWEST_UNITS} directories of fits or more, each of another unit"
+        require(self.units is None or not few, "units", self.units, about)
         require(self.name.isidentifier(), "name", self.name, "must be a plain word")
         shipped = (Path(CONF) / "imu" / f"{self.name}.yaml").exists()
         require(not shipped, "name", self.name, "is a sensor's that lbgc has; call yours otherwise")
@@ -93,7 +111,14 @@ class FitConfig:
 def main(config: FitConfig) -> Path:
     """Fit every axis, print the results, write the sensor and its plots, and return their
     directory."""
+    if config.curve.is_given:
+        return _of_curves(config)
+    if config.units is not None:
+        return _of_units(config.units)
     static = _read(config)
+    if config.robust:
+        static = _without_outliers(static)
+    static, warmth = _without_temperature(static, config.corners)
     _require_steady(static, config.corners)
     directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
     fits = _fitted(static, config, directory / "axes")
@@ -105,17 +130,26 @@ def main(config: FitConfig) -> Path:
     sizes = bias_sizes(static, fits)
     if calibration is not None:
         del sizes["gyro"]
-    yaml = sensor_yaml(config.name, static, fits, calibration, sizes)
+    yaml = sensor_yaml(config.name, static, fits, calibration, sizes, warmth)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
-    write_atomically(directory / "fit.json", as_json(of_axes(fits)) + "\n")
+    content = of_axes(fits)
+    for part, own in warmth.items():
+        for axis, one in zip(content[part], own, strict=True):
+            axis["bias_per_k"] = None if one is None else asdict(one)
+    write_atomically(directory / "fit.json", as_json(content) + "\n")
     _export(yaml, 1 / static.dt, config.export, directory / "export")
     for part in PARTS:
         data = AllanData(part, getattr(static, part), static.dt, static.latitude)
-        for name, figure in draw(data, fits[part]).items():
+        for name, figure in allan_page.draw(data, fits[part]).items():
             write_atomically(directory / f"{name}.png", png(figure))
+    return _finished(directory, config.name)
+
+
+def _finished(directory: Path, name: str) -> Path:
+    """The directory, marked as the latest, once the command that uses the sensor is printed."""
     mark_latest(directory)
     print("use it:")
-    print(f"python sim/generate.py --config-dir {directory} imu={config.name}")
+    print(f"python sim/generate.py --config-dir {directory} imu={name}")
     return directory
 
 
@@ -129,6 +163,89 @@ def _export(yaml: str, rate_hz: float, formats: Sequence[str], directory: Path) 
     subject = Subject(sensor, rate_hz, doubts=tuple(intervals(yaml)))
     for name, text in written(subject, formats).items():
         write_atomically(directory / name, text)
+
+
+def _of_curves(config: FitConfig) -> Path:
+    """Fit the published Allan curves, as `main` fits a log."""
+    given = {part: getattr(config.curve, part) for part in PARTS}
+    files = {part: _file_names(file) for part, file in given.items() if file is not None}
+    read = {part: curves.read(config.curve, part) for part in files}
+    choose = config.flicker_short_s is None
+    found = {
+        part: allan_fit.fitted_together(own, config.corners, choose) for part, own in read.items()
+    }
+    directory = task_directory("fit", fingerprint(asdict(config)))
+    (directory / "imu").mkdir(exist_ok=True)
+    for part, own in found.items():
+        print(fitted_curve.report(part, files[part], own))
+        figure = allan_page.draw_curve(part, own)
+        write_atomically(directory / f"allan_{part}.png", png(figure))
+    three = {part: own * (3 // len(own)) for part, own in found.items()}
+    fits = {part: [one.fit for one in own] for part, own in three.items()}
+    of = " and ".join(f"the {part}'s Allan curve {files[part]}" for part in files)
+    yaml = curve_yaml(config.name, of, fits)
+    write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
+    content = {part: [fitted_curve.of_curve(one) for one in own] for part, own in three.items()}
+    write_atomically(directory / "fit.json", as_json(content) + "\n")
+    return _finished(directory, config.name)
+
+
+def _of_units(directories: list[str]) -> Path:
+    """Tell the spread between units from their finished fits, print it, write `population.json`,
+    and return its directory. Raises InputError where two are one and the same fit."""
+    units = [finished_fits.estimates(one) for one in directories]
+    for k, one in enumerate(units):
+        require(one not in units[:k], "units", directories[k], "has the same fit as another unit")
+    told = population.populations(units)
+    print(population.report(told, len(units)))
+    directory = task_directory("fit", fingerprint({"units": directories}))
+    content = {"units": directories, **population.as_content(told)}
+    write_atomically(directory / "population.json", as_json(content) + "\n")
+    mark_latest(directory)
+    return directory
+
+
+def _file_names(given: str | list[str]) -> str:
+    """The names of one file or of three, without their directories."""
+    return ", ".join(
+        shown(Path(one).name) for one in ([given] if isinstance(given, str) else given)
+    )
+
+
+def _without_outliers(static: Static) -> Static:
+    """The recordings without spikes and short knocks; what was found is printed. Raises InputError
+    where so much is that it is no exception."""
+    values = {part: np.empty(getattr(static, part).shape) for part in PARTS}
+    for which, part in enumerate(PARTS):
+        for axis, name in enumerate(AXES):
+            series = getattr(static, part)[:, :, axis]
+            values[part][:, :, axis], found = without_outliers(series, static.dt)
+            print(of_outliers(f"{part} {name}", found, which))
+            share = 0.0 if found is None else found.share
+            about = (
+                f"of {part} {name} are far from its noise: that is no exception but what it does"
+            )
+            require(share <= MOST_OUTLIERS, "robust", f"{100 * share:.2g}% of the samples", about)
+    return replace(static, gyro=values["gyro"], accel=values["accel"])
+
+
+def _without_temperature(static: Static, corners: tuple[float, float]) -> tuple[Static, Warmth]:
+    """The recordings without what follows their temperature, as far as that is told from zero, and
+    each axis's bias against it, which is printed; nothing where none was recorded."""
+    if static.temperature is None:
+        return static, {}
+    off = static.temperature - static.temperature.mean()
+    values = {part: np.array(getattr(static, part)) for part in PARTS}
+    found: Warmth = {part: [] for part in PARTS}
+    for which, part in enumerate(PARTS):
+        for axis, name in enumerate(AXES):
+            series = values[part][:, :, axis]
+            one = sensitivity(series, static.temperature, static.dt, corners)
+            print(of_temperature(f"{part} {name}", one, which))
+            if one is not None and one.is_told:
+                series -= one.value * off
+            found[part].append(one)
+    return replace(static, gyro=values["gyro"], accel=values["accel"]), found
 
 
 def _require_steady(static: Static, corners: tuple[float, float]) -> None:
@@ -211,7 +328,8 @@ def _read(config: FitConfig) -> Static:
     or they are shorter than a minute."""
     session = None
     if config.log is not None:
-        records = list(logs.read(config.log, north=False))
+        accept = [*config.log.accept, *(["outliers"] if config.robust else [])]
+        records = list(logs.read(replace(config.log, accept=accept), north=False))
         require_one_rate(records)
         for note in dict.fromkeys(note for record in records for note in record.notes):
             print(note)
@@ -226,13 +344,20 @@ def _read(config: FitConfig) -> Static:
     require(still, "data", name, "has a plate that turns; noise is fitted to resting recordings")
     headings = [r.heading_reference for r in records]
     first = round(config.skip_s * records[0].rate_hz)
-    n = min(len(r.gyro) for r in records)
+    n, longest = (f(len(r.gyro) for r in records) for f in (min, max))
+    if n < longest:
+        print(
+            f"lengths: recordings have {n / records[0].rate_hz:g} to "
+            f"{longest / records[0].rate_hz:g} s, and the first {n / records[0].rate_hz:g} s of "
+            "each are used; their biases are free"
+        )
     seconds = max(0, n - first) / records[0].rate_hz
     if seconds < SHORTEST_S:
         raise InputError(
             name, f"{seconds:g}", "s", f"is too short to tell noise from bias; {SHORTEST_S:g} s "
             "at the least, and an hour to see a bias instability"
         )  # fmt: skip
+    warmth = [r.temperature[first:n] for r in records if r.temperature is not None]
     return Static(
         name,
         np.stack([r.gyro[first:n] for r in records]),
@@ -241,6 +366,7 @@ def _read(config: FitConfig) -> Static:
         records[0].latitude,
         None if any(h is None for h in headings) else np.array(headings, dtype=float),
         session,
+        np.stack(warmth) if len(warmth) == len(records) else None,
     )
 
 

@@ -37,6 +37,9 @@ def furnish(home: Path, rows: int) -> None:
     turned[:, 1], turned[:, 2] = (0.0035 * f(np.deg2rad(turned[:, 0])) for f in (np.cos, np.sin))
     turned[:, 2] *= -1
     np.savetxt(home / "mymeans.csv", turned, delimiter=",", header=names, comments="")
+    taus = 2.0 ** np.arange(12)
+    curve = np.column_stack([taus, np.sqrt(9 / taus + 1)])
+    np.savetxt(home / "datasheet.csv", curve, delimiter=",", header="tau,deviation", comments="")
     header = "w_x,w_y,w_z,f_x,f_y,f_z"
     np.savetxt(home / "mylog.csv", log, delimiter=",", header=header, comments="", fmt="%.7g")
 

@@ -31,8 +31,9 @@ class LogConfig:
     reader: str = "table"
     """table: CSV or Parquet with named columns. recordings: a directory of CSV files
     `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
-    path: str = ""
-    """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS."""
+    path: str | list[str] = ""
+    """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS. Or several files of one
+    sensor and one layout, each a recording: [first.csv, second.csv]."""
     gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
     """The file's gyro columns, x, y and z. Where it has none of the default ones, names such as gx
     (deg/s), gyro_x or angular_velocity.x are found."""
@@ -43,6 +44,9 @@ class LogConfig:
     time_column: Any = None
     """The time column's name or position, or [seconds, nanoseconds] of two; null: found by its
     name, if there; none: not used."""
+    temperature_column: Any = None
+    """Name or position of a column of the sensor's temperature, degrees Celsius or kelvin, which
+    may be empty in rows between; null: none is used."""
     time_unit: str = "auto"
     """Unit of the time column, one of TIME_UNITS; auto: as the column's name says, or the one that
     makes sense."""
@@ -94,13 +98,17 @@ class LogConfig:
     def __post_init__(self) -> None:
         require_name("name", self.name)
         require_choice("reader", self.reader, READERS)
-        require(bool(self.path), "path", self.path, "must name a file")
+        require(bool(self.files) and "" not in self.files, "path", self.path, "must name a file")
+        once = len(set(self.files)) == len(self.files)
+        require(once, "path", self.path, "names a file twice")
         for name in ("gyro_columns", "accel_columns"):
             columns = getattr(self, name)
             require(len(set(columns)) == 3, name, columns, "must be three column names")
         require_choice("gyro_unit", self.gyro_unit, ["auto", *GYRO_UNITS])
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
         _require_columns(self.columns, self.time_column)
+        if self.temperature_column is not None:
+            _require_place("temperature_column", self.temperature_column)
         require_choice("time_unit", self.time_unit, ["auto", *TIME_UNITS])
         require_choice("gaps", self.gaps, GAPS)
         require_choice("repeats", self.repeats, REPEATS)
@@ -131,6 +139,11 @@ class LogConfig:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
 
     @property
+    def files(self) -> list[str]:
+        """The log's files: several, or the one."""
+        return self.path if isinstance(self.path, list) else [self.path]
+
+    @property
     def axes_of_accel(self) -> list[str]:
         """The axes of the accelerometers: their own, or those of the gyros where none are given."""
         return self.axes if self.accel_axes is None else self.accel_axes
@@ -159,5 +172,10 @@ def _require_columns(columns: list[Any] | None, time: Any) -> None:
     require(good, "time_column", time, "must be one column, or [seconds, nanoseconds]")
     for key, given in (("columns", columns or []), ("time_column", times)):
         for name in given:
-            known = isinstance(name, str) or (type(name) is int and name > 0)
-            require(known, key, name, "must be a name, or a position counted from one")
+            _require_place(key, name)
+
+
+def _require_place(key: str, name: Any) -> None:
+    """Raise InputError unless a column is a name, or a position counted from one."""
+    known = isinstance(name, str) or (type(name) is int and name > 0)
+    require(known, key, name, "must be a name, or a position counted from one")

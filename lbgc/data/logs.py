@@ -30,7 +30,8 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     """
     found = [
         all_checks.checked(record, raw.config, imu, north)
-        for raw in READERS[config.reader](find(config.path), config)
+        for file in config.files
+        for raw in READERS[config.reader](find(file), replace(config, path=file))
         for record in _records(raw)
     ]
     yield from all_checks.together(_told_apart(found), config, north)
@@ -59,7 +60,12 @@ def _records(raw: Raw) -> Iterator[Record]:
     for number, piece in enumerate(pieces, start=1):
         name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
         values, rate, notes = sampled(name, rows[piece], clock.rate_hz, raw.config.repeats)
-        own = replace(raw, name=name, gyro=values[:, :3], accel=values[:, 3:])
+        warmth = raw.temperature
+        if warmth is not None:  # slow, so that which of repeated rows is taken does not matter
+            warmth = warmth[piece]
+            at = (np.arange(len(values)) + 0.5) / len(values) * len(warmth) - 0.5
+            warmth = np.interp(at, np.arange(len(warmth)), warmth)
+        own = replace(raw, name=name, gyro=values[:, :3], accel=values[:, 3:], temperature=warmth)
         yield _record(own, rate, (*raw.notes, *clock.notes, *notes))
 
 
@@ -110,6 +116,7 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
         rate_hz=rate,
         latitude=config.latitude * DEG,
         heading_reference=heading,
+        temperature=raw.temperature,
         notes=notes,
     )
 

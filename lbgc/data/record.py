@@ -32,6 +32,8 @@ class Record:
     """rad, the true heading when the encoder reads zero."""
     heading_reference: float | None = None
     """rad, the same heading by the reference instrument."""
+    temperature: np.ndarray | None = None
+    """(T,), of the sensor, K or degrees Celsius; None where it was not recorded."""
     notes: tuple[str, ...] = ()
     """Plain sentences that belong to the recording's results: how its clock was read, what of its
     frame could not be checked."""
@@ -41,6 +43,9 @@ class Record:
         for name, shape in (("gyro", (n, 3)), ("accel", (n, 3)), ("plate_angle", (n,))):
             got = getattr(self, name).shape
             require(got == shape, f"{self.name}: {name}'s shape", got, f"must be {shape}")
+        if self.temperature is not None:
+            got = self.temperature.shape
+            require(got == (n,), f"{self.name}: temperature's shape", got, f"must be {(n,)}")
 
     @property
     def duration_s(self) -> float:
@@ -129,7 +134,8 @@ def block_means(record: Record, rate_hz: float) -> Record:
         )
     if edges[-1] == len(edges) - 1:
         return record
-    values: dict[str, Any] = {n: means_between(getattr(record, n), edges) for n in SAMPLED}
+    sampled = (*SAMPLED, *(() if record.temperature is None else ("temperature",)))
+    values: dict[str, Any] = {n: means_between(getattr(record, n), edges) for n in sampled}
     return replace(record, **values, rate_hz=true_rate(edges, record.rate_hz, rate_hz))
 
 

@@ -37,6 +37,8 @@ class Static:
     """(R,), rad, headings; None unless all are known"""
     session: np.ndarray | None
     """(R,), the power-up that each recording is from; None where that is not known"""
+    temperature: np.ndarray | None = None
+    """(R, n), of the sensor, K or degrees Celsius; None unless all recordings have one"""
 
 
 def require_steady(static: Static) -> None:

@@ -9,10 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lbgc.earth import EARTH_RATE
+from lbgc.report import fitted_curve
 from lbgc.report.figures import AXIS_COLOURS, AXIS_NAMES
 from lbgc.report.fitted import explained
 from lbgc.sensor import noise
 from lbgc.sensor.allan import confidence_band, octave_taus, overlapping_deviation
+from lbgc.sensor.fitting.allan_fit import CurveFit
 from lbgc.sensor.fitting.noise_fit import Fit
 from lbgc.units import DEG, HOUR, STANDARD_GRAVITY
 
@@ -42,6 +44,36 @@ def draw(data: AllanData, fits: Sequence[Fit]) -> dict[str, Figure]:
     if data.part == "gyro":
         drawn["allan_paper"] = _as_the_paper(data, fits, taus, measured)
     return drawn
+
+
+def draw_curve(part: str, found: Sequence[CurveFit]) -> Figure:
+    """The points of a triad's published Allan curves, with the fitted curve and each term's. part :
+    gyro or accel; found : one for all axes, or one each."""
+    scale, unit = _UNIT[part]
+    figure = Figure(figsize=(12 if len(found) > 1 else 5.5, 4.4), layout="constrained")
+    names = AXIS_NAMES if len(found) > 1 else ("forward, right, down",)
+    for k, (one, name) in enumerate(zip(found, names, strict=True)):
+        axes = figure.add_subplot(1, len(found), k + 1)
+        taus, deviation = one.curve.taus, one.curve.deviation / scale
+        fine = np.geomspace(taus[0], taus[-1], 500)
+        axes.loglog(taus, deviation, "o", color=AXIS_COLOURS[k], markersize=3.5, label="as printed")
+        _lines(axes, one.fit, fine, scale)
+        axes.set_ylim(deviation.min() / 5, deviation.max() * 3)
+        axes.set(title=f"{part} {name}", xlabel="averaging time, s", ylabel=unit)
+        _write_below(axes, f"goodness of fit {fitted_curve.explained(one)}", one.fails)
+        axes.grid(True, which="both", color="0.92", linewidth=0.5)
+        axes.legend(fontsize="x-small")
+    return figure
+
+
+def _lines(axes: Axes, fit: Fit, fine: np.ndarray, scale: float) -> None:
+    """Draw the fitted Allan deviation and each term's at these averaging times. scale : SI per unit
+    of the figure."""
+    curve = np.sqrt(noise.allan_variance(fit.everything, fine))
+    axes.loglog(fine, curve / scale, color="black", linewidth=1.2, label="fit")
+    for term in fit.everything:
+        deviation = np.sqrt(term.allan_variance(fine)) / scale
+        axes.loglog(fine, deviation, "--", linewidth=0.8, label=term.cause)
 
 
 def _settled(data: AllanData, fits: Sequence[Fit], taus: np.ndarray) -> np.ndarray | None:
@@ -84,10 +116,7 @@ def _with_terms(
         if settled is not None and any(c.kind != "ramp" for c in fit.courses):
             axes.loglog(taus, recorded[axis] / scale, "o", color="0.5", markersize=3.5,
                         fillstyle="none", label="with what was taken out")  # fmt: skip
-        axes.loglog(fine, curve / scale, color="black", linewidth=1.2, label="fit")
-        for term in fit.everything:
-            deviation = np.sqrt(term.allan_variance(fine)) / scale
-            axes.loglog(fine, deviation, "--", linewidth=0.8, label=term.cause)
+        _lines(axes, fit, fine, scale)
         lowest = measured[axis].min() / scale
         axes.set_ylim(lowest / 5, recorded[axis].max() / scale * 3)
         axes.set(title=f"{data.part} {name}", xlabel="averaging time, s", ylabel=unit)
@@ -100,7 +129,12 @@ def _with_terms(
 def _say_how_good(axes: Axes, fit: Fit) -> None:
     """Write the goodness of fit below the curves, in red where the fit fails."""
     bad = fit.goodness is not None and fit.goodness.fails
-    text = "\n".join(wrap(f"goodness of fit {explained(fit)}", 60))
+    _write_below(axes, f"goodness of fit {explained(fit)}", bad)
+
+
+def _write_below(axes: Axes, text: str, bad: bool) -> None:
+    """Write a text below the curves, in red where it is bad news."""
+    text = "\n".join(wrap(text, 60))
     drawn = axes.text(
         0.5, 0.01, text, transform=axes.transAxes, color="firebrick" if bad else "0.3"
     )

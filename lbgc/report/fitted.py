@@ -157,15 +157,16 @@ def half_power(fit: Fit) -> FittedParameter:
     return FittedParameter(ratio * e.value, ratio * e.low, ratio * e.high, ratio * e.upper)
 
 
-def spelled(e: FittedParameter, key: str) -> str:
-    """An estimate with its interval, or its limit, in words and in its key's unit."""
+def spelled(e: FittedParameter, key: str, source: str = "log") -> str:
+    """An estimate with its interval, or its limit, in words and in its key's unit. source : what it
+    was fitted to."""
     scale, unit = scale_of(key), f" {unit_of(key)}".rstrip()
     if e.is_withheld:
-        return "cannot be told from this log"
+        return f"cannot be told from this {source}"
     if e.is_limit:
         return (
-            f"below {e.upper / scale:.3g}{unit} (95%); this log cannot tell it from zero, a longer "
-            "one may"
+            f"below {e.upper / scale:.3g}{unit} (95%); this {source} cannot tell it from zero, a "
+            "longer one may"
         )
     if e.is_lower_limit:
         return f"above {e.low / scale:.3g}{unit} (95%)"

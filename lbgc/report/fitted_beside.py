@@ -1,7 +1,9 @@
 """The entries of a fitted sensor's YAML that are not noise: warming up, counts, and the size of the
 biases as far as one recording's mean tells."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -9,12 +11,17 @@ from lbgc.data.static import PARTS, Static
 from lbgc.sensor.fitting import bias_size
 from lbgc.sensor.fitting.bias_size import BiasSize
 from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.temperature import Sensitivity
 from lbgc.sensor.fitting.warmup import MeanChange
 from lbgc.units import factor, unit_of
 
 _PER_K = ("bias_per_k_deg_per_h_per_k", "bias_per_k_ug_per_k")
 _COUNT = ("rate_lsb_deg_per_s", "lsb_ug")
 _BIAS = ("bias_run_deg_per_h", "bias_run_mg")
+
+
+Warmth: TypeAlias = dict[str, list[Sensitivity | None]]
+"""Each axis's bias against temperature, by triad; None where the temperature tells nothing of it"""
 
 
 @dataclass(frozen=True)
@@ -27,10 +34,15 @@ class Beside:
     """Lines of gyro and accel."""
 
 
-def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None) -> Beside:
+def beside(
+    fits: dict[str, list[Fit]],
+    sizes: dict[str, BiasSize] | None = None,
+    warmth: Warmth | None = None,
+) -> Beside:
     """The lines of YAML for the results of a fit that are not noise terms. sizes : of the biases,
-    where they are to be stated."""
-    time = _common_time(fits)
+    where they are to be stated; warmth : what the recordings' own temperature told. Then a warm-up
+    has no line: whatever is left of one did not follow that temperature."""
+    time = None if warmth else _common_time(fits)
     top = []
     if sizes:
         said = " and ".join(
@@ -45,9 +57,11 @@ def beside(fits: dict[str, list[Fit]], sizes: dict[str, BiasSize] | None = None)
         top.append(f"  time_s: {number(time)}")
     triads = {
         part: _per_k(fits[part], which, time)
+        + _by_temperature((warmth or {}).get(part), which)
         + _counts(fits[part], which)
         + (_bias(sizes[part], which) if sizes and part in sizes else [])
         for which, part in enumerate(PARTS)
+        if part in fits
     }
     return Beside(top, triads)
 
@@ -67,7 +81,7 @@ def _decays(fit: Fit) -> list[MeanChange]:
 def _common_time(fits: dict[str, list[Fit]]) -> float | None:
     """One time constant for all axes, s: the mean of the decays' logarithms, weighted by the
     inverse squares of their intervals' widths. None where nothing decays."""
-    every = [c for part in PARTS for fit in fits[part] for c in _decays(fit)]
+    every = [c for part in fits for fit in fits[part] for c in _decays(fit)]
     if not every:
         return None
     width = np.array([max(np.log(c.high / c.low), 1e-3) for c in every])
@@ -82,6 +96,17 @@ def _per_k(fits: list[Fit], which: int, time: float | None) -> list[str]:
     own = ", ".join(number(size / factor(_PER_K[which])) for size in sizes)
     said = [f"{c.time:.4g} s" for f in fits for c in _decays(f)]
     return [f"  {_PER_K[which]}: [{own}]  # warms away; time constants of {', '.join(said)}"]
+
+
+def _by_temperature(found: Sequence[Sensitivity | None] | None, which: int) -> list[str]:
+    """The line for a triad's bias by the kelvin as its temperature told it, or none."""
+    if not any(found or ()):
+        return []
+    scale = factor(_PER_K[which])
+    sizes = [abs(s.value) / scale if s is not None and s.is_told else 0.0 for s in found or ()]
+    said = ["-" if s is None else f"{s.low / scale:.3g}..{s.high / scale:.3g}" for s in found or ()]
+    values = ", ".join(number(size) for size in sizes)
+    return [f"  {_PER_K[which]}: [{values}]  # by its temperature: {', '.join(said)}"]
 
 
 def _counts(fits: list[Fit], which: int) -> list[str]:

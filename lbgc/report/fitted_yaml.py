@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lbgc.data.static import Static
+from lbgc.data.static import PARTS, Static
 from lbgc.outputs import as_json
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
-from lbgc.report.fitted_beside import beside, number
+from lbgc.report.fitted_beside import Beside, Warmth, beside, number
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting.bias_size import BiasSize
 from lbgc.sensor.fitting.noise_fit import Fit
@@ -23,25 +23,50 @@ def sensor_yaml(
     fits: dict[str, list[Fit]],
     calibration: Calibration | None = None,
     sizes: dict[str, BiasSize] | None = None,
+    warmth: Warmth | None = None,
 ) -> str:
     """The content of the fitted sensor's YAML file; parameters that cannot be told from zero are
     zero there.
 
     name : the sensor's; calibration : of the gyros, where the recordings allow one; sizes : of the
-    biases of gyro and accel, where a mean alone tells them.
+    biases of gyro and accel, where a mean alone tells them; warmth : what temperature told.
     """
-    more = beside(fits, sizes)
     seconds = static.gyro.shape[1] * static.dt
-    lines = [
+    about = [
         f"# Fitted by lbgc to {static.name}: {len(static.gyro)} x {seconds:g} s at "
         f"{1 / static.dt:g} Hz.",
         "# Each line: forward, right, down; 95% intervals behind. What the log cannot tell from",
         "# zero is zero, with its 95% upper limit behind. A single recording tells biases by its",
         "# mean alone, and not how long they last: recordings with known headings do.",
-        f"name: {as_json(name)}",
-        *more.top,
     ]
-    for which, part in enumerate(("gyro", "accel")):
+    return _yaml(name, about, fits, beside(fits, sizes, warmth), calibration)
+
+
+def curve_yaml(name: str, of: str, fits: dict[str, list[Fit]]) -> str:
+    """The content of the YAML file of a sensor that was fitted to Allan curves; a triad that has
+    none is left out. of : the curves, in words."""
+    about = [
+        f"# Fitted by lbgc to {of}.",
+        "# Each line: forward, right, down; 95% intervals behind. What the curve cannot tell from",
+        "# zero is zero, with its 95% upper limit behind. A curve tells nothing of biases.",
+        *(f"# No curve of its {part}: without noise here." for part in PARTS if part not in fits),
+    ]
+    return _yaml(name, about, fits, beside(fits))
+
+
+def _yaml(
+    name: str,
+    about: list[str],
+    fits: dict[str, list[Fit]],
+    more: Beside,
+    calibration: Calibration | None = None,
+) -> str:
+    """The content of a fitted sensor's YAML file. about : the comments at its top; more : what
+    stands beside the noise terms."""
+    lines = [*about, f"name: {as_json(name)}", *more.top]
+    for which, part in enumerate(PARTS):
+        if part not in fits:
+            continue
         lines.append(f"{part}:")
         lines += [
             f"  flicker_short_s: {fits[part][0].corners[0]:g}",

@@ -3,11 +3,14 @@ counts on what can be told."""
 
 from lbgc.sensor.fitting.counts import Counts
 from lbgc.sensor.fitting.noise_fit import Fit
+from lbgc.sensor.fitting.outliers import Outliers
+from lbgc.sensor.fitting.temperature import Sensitivity
 from lbgc.sensor.fitting.warmup import MeanChange
 from lbgc.units import factor, unit_of
 
 # keys whose units a change of the mean, and a count, are told in, for a gyro and an accelerometer
 _SIZE = ("warmup_deg_per_h", "warmup_ug")
+_PER_K = ("bias_per_k_deg_per_h_per_k", "bias_per_k_ug_per_k")
 _COUNT = ("count_deg_per_s", "count_ug")
 _WORTH_SAYING = 5.0  # counts of noise, below which rounding is more than 0.3% of the variance
 
@@ -22,6 +25,34 @@ def remarks(fit: Fit, which: int) -> list[str]:
             "the search for terms was cut short: lines or terms may be there that are not here"
         )
     return said
+
+
+def of_outliers(name: str, found: Outliers | None, which: int) -> str:
+    """The remark on what was taken for spikes and knocks on an axis, of this name. which : 0 for a
+    gyro, 1 for an accelerometer."""
+    if found is None:
+        return f"robust: {name}: its counts hide what would be far from its noise"
+    if found.samples == 0:
+        return f"robust: {name}: no spikes or knocks"
+    key = _SIZE[which]
+    return (
+        f"robust: {name}: {found.samples} samples ({100 * found.share:.2g}%) in {found.places} "
+        f"places were taken for spikes or knocks, from {found.threshold:.2g} sigma on and up to "
+        f"{found.largest / factor(key):.3g} {unit_of(key)}: replaced by noise like that beside them"
+    )
+
+
+def of_temperature(name: str, found: Sensitivity | None, which: int) -> str:
+    """The remark on the bias against temperature of an axis, of this name. which : 0 for a gyro, 1
+    for an accelerometer."""
+    if found is None:
+        return f"temperature: {name}: it hardly changes, which tells nothing of its effect"
+    key = _PER_K[which]
+    value, low, high = (v / factor(key) for v in (found.value, found.low, found.high))
+    said = f"{value:.3g} {unit_of(key)}, 95% {low:.3g} to {high:.3g}, over {found.span_k:.3g} K"
+    if found.is_told:
+        return f"temperature: {name}: {said}: taken out before the noise is fitted"
+    return f"temperature: {name}: {said}: not told from zero, and left in"
 
 
 def of_course(c: MeanChange, which: int) -> str:

@@ -23,12 +23,14 @@ class AnyLog(LogConfig):
 
     @classmethod
     def adopted(cls, mapping: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The keys of a description, found where the reader is `auto`, and then printed. Raises
-        InputError, naming the key, where the file does not tell them."""
+        """The keys of a description, found where the reader is `auto`, and then printed; those of
+        several files by the first. Raises InputError, naming the key, where the file does not tell
+        them."""
         if mapping.get("reader") != AUTO:
             return mapping
         said = {key: value for key, value in mapping.items() if value is not None}
-        path = str(said.pop("path", ""))
+        given = said.pop("path", "")
+        path = str(given[0] if isinstance(given, list) and given else given)
         require(bool(path), "path", path, "must name a file")
         del said["reader"]
         look = looked(find(path), said)
@@ -42,7 +44,7 @@ class AnyLog(LogConfig):
             if guess.value is not None:
                 about = f"; {guess.doubt}" if guess.doubt else ""
                 print(f"found log.{guess.key}={guess.written}: {guess.why}{about}")
-        return look.keys
+        return {**look.keys, "path": given} if isinstance(given, list) else look.keys
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from lbgc.errors import InputError, reading, require
 
 _NONSENSE = 1e30
 """Absolute value from which on a number is refused."""
+_HOTTEST = 1000.0
+"""Size from which on a number is no temperature of a sensor, degrees Celsius or kelvin."""
 _MS, _G, _SCALES = (1e-3, 1e6), (1.0, 100.0), (1e-9, 1e9)
 """Bounds of a PSINS header's interval (ms), g (m/s^2), and arcsec or ug s a count."""
 _HEADING_IN_NAME = re.compile(r"_(-?\d+(?:\.\d+)?)$")
@@ -44,6 +46,8 @@ class Raw:
     """What is stated of the clock"""
     time_is_said: bool = False
     """Whether the user named the time column."""
+    temperature: np.ndarray | None = None
+    """(T,), K or degrees Celsius; None where no column of it was named"""
     gravity: float | None = None
     """The value of g that this file's units use, m/s^2; None where it states none."""
     notes: tuple[str, ...] = ()
@@ -70,7 +74,7 @@ def find(path: str) -> Path:
     )
 
 
-def only_file(path: Path, named: str | Path) -> Path:
+def only_file(path: Path, named: str | Path | list[str]) -> Path:
     """The path, if it is that of a plain file. Raises InputError otherwise, since a device or a
     pipe may have no end. named : the path as the message shows it."""
     require(path.is_file(), "log.path", named, "is no file")
@@ -102,7 +106,9 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
 def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
     """The recording in a sheet of named columns."""
     which = picked(own, config)
-    values, notes = own.columns([*which.gyro, *which.accel, *which.time])
+    warmth = [] if config.temperature_column is None else [config.temperature_column]
+    places = named(own, "log.temperature_column", warmth)
+    values, notes = own.columns([*which.gyro, *which.accel, *which.time, *places])
     key = "log.columns" if config.columns is not None else None
     six = [
         _numbers(own, key or f"log.{kind}_columns", at, column)
@@ -115,7 +121,10 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
         config = replace(config, rate_hz=own.rate_hz)
     gyro, accel = np.stack(six[:3], axis=1), np.stack(six[3:], axis=1)
-    raw = Raw(name, gyro, accel, config, notes=tuple(notes))
+    temperature = None
+    if places:
+        temperature = temperatures(_numbers(own, "log.temperature_column", places[0], values.pop()))
+    raw = Raw(name, gyro, accel, config, temperature=temperature, notes=tuple(notes))
     if not which.time:
         return raw
     times = values[6:]
@@ -134,6 +143,16 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         float(stamps[0]),
     )
     return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)
+
+
+def temperatures(values: np.ndarray) -> np.ndarray:
+    """A temperature column, (T,), with a value in each row: rows without one, and nonsense, are
+    filled on a straight line. Raises InputError where fewer than two rows have one."""
+    good = np.abs(values) < _HOTTEST
+    about = "has no two temperatures, in degrees Celsius or kelvin"
+    require(good.sum() > 1, "log.temperature_column", f"{good.sum()} values", about)
+    rows = np.arange(len(values))
+    return np.asarray(np.interp(rows, rows[good], values[good]))
 
 
 def _numbers(own: Sheet, key: str, at: int, values: np.ndarray) -> np.ndarray:

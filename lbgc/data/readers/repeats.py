@@ -27,9 +27,10 @@ def without_printed_twice(raw: Raw) -> Raw:
     if kept.sum() < FEWEST_CHANGES:
         return raw
     note = f"printed twice: {same.sum()} rows of {raw.name}, time and all, were left out"
+    warmth = None if raw.temperature is None else raw.temperature[kept]
     return replace(
         raw, gyro=raw.gyro[kept], accel=raw.accel[kept], stamps=raw.stamps[kept],
-        notes=(*raw.notes, note),
+        temperature=warmth, notes=(*raw.notes, note),
     )  # fmt: skip
 
 

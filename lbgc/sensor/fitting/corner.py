@@ -11,7 +11,7 @@ from lbgc.sensor.fitting.shapes import GAUSS_MARKOV, Shape, flicker
 USUAL = 1.0
 """The corner that is taken where the data do not tell it, s. That is most often so, because white
 noise covers it."""
-_OFFERED = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+OFFERED = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 """The corners that are tried, s."""
 _EVIDENCE = 12.0
 """Gain in twice the log-likelihood from which on another corner than the usual one is taken."""
@@ -24,7 +24,7 @@ def profile(
     parameters at their best, less that of the corner that the shapes have. A Gauss-Markov process
     is left out of the model, since it may have been added to make up for a wrong corner."""
     shapes = [s for s in shapes if s.names != GAUSS_MARKOV.names]
-    usable = [s for s in _OFFERED if 4 * data.dt <= s <= min(corners[1], data.n * data.dt) / 20]
+    usable = [s for s in OFFERED if 4 * data.dt <= s <= min(corners[1], data.n * data.dt) / 20]
     out = {}
     for short in {*usable, corners[0]}:
         changed = [flicker((short, corners[1])) if s.names == ("B",) else s for s in shapes]

@@ -87,7 +87,7 @@ def _means(kind: str, times: np.ndarray, edges: np.ndarray, T: float) -> np.ndar
     return np.asarray(t * np.exp(-np.maximum(nearest, 0.0) / t) * -np.expm1(-width / t) / width)
 
 
-class _Likelihood:
+class CourseLikelihood:
     """The likelihood of noise and one course of the mean, evaluated for many courses at once. The
     series is scaled so that its white noise has density 1."""
 
@@ -158,6 +158,13 @@ class _Likelihood:
         value = np.sum(np.log(v) + r2, axis=1)
         return value, size, 1 / np.sqrt(information), v, np.clip(step, -2, 2)
 
+    def at(self, p: np.ndarray, course: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Twice minus the log-likelihood, and a course's size and its sigma, in the series' unit,
+        with noise of these log-weights p, (S, 3). course : (J,), its means where its size is
+        one."""
+        value, size, sigma = self._scored(p, self.transform(course)[None])[:3]
+        return value, size * self.scale, sigma * self.scale
+
     def gains(self, courses: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What each course gains in twice the log-likelihood with the noise's variances v (K,)
         kept, (S,)."""
@@ -183,7 +190,7 @@ def found(
         return None
     means = np.asarray(series[: blocks * block], float).reshape(blocks, block).mean(axis=1)
     edges = np.arange(blocks + 1) * block * dt
-    likelihood, T = _Likelihood(means, block * dt, corners), float(edges[-1])
+    likelihood, T = CourseLikelihood(means, block * dt, corners), float(edges[-1])
     ends = np.stack([np.zeros(blocks), _means("ramp", np.array([T]), edges, T)[0]])
     (alone, straight), size, sigma, v = likelihood.fit(ends)
     taus = np.geomspace(T / 100, 2 * T, 28)
@@ -199,7 +206,7 @@ def found(
     return None
 
 
-def _likely_steps(likelihood: _Likelihood, edges: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _likely_steps(likelihood: CourseLikelihood, edges: np.ndarray, v: np.ndarray) -> np.ndarray:
     """The times at which a step is most likely, (S,), s: those that gain most if the noise is all
     white, and if it is the noise v (K,) fitted without a step."""
     at = edges[2:-2]
@@ -209,7 +216,7 @@ def _likely_steps(likelihood: _Likelihood, edges: np.ndarray, v: np.ndarray) -> 
 
 
 def _refined(
-    likelihood: _Likelihood, edges: np.ndarray, kind: str, times: np.ndarray, alone: float
+    likelihood: CourseLikelihood, edges: np.ndarray, kind: str, times: np.ndarray, alone: float
 ) -> MeanChange:
     """The best course of one kind, over a grid of times and then over finer grids near the best
     time, with the interval of times that the likelihood does not tell from it. alone : twice minus
