@@ -28,7 +28,7 @@ class Windows:
     """W windows of equal length. An estimator answers each from its own row alone."""
 
     gyro: np.ndarray
-    """(W, T, 3), rad/s, angular rates"""
+    """(W, T, 3), rad/s, angular rates; NaN, as the forces, where nothing was recorded"""
     accel: np.ndarray
     """(W, T, 3), m/s^2, specific forces"""
     plate_angle: np.ndarray
@@ -47,6 +47,14 @@ class Windows:
     def duration_s(self) -> float:
         """The length of each window, s."""
         return float(self.gyro.shape[1] / self.rate_hz)
+
+    @property
+    def unrecorded(self) -> np.ndarray:
+        """The samples at which nothing was recorded, all six channels NaN: bool (W, T)."""
+        none = np.asarray(np.isnan(self.gyro[..., 0]))
+        if none.any():
+            none &= np.isnan(self.gyro).all(axis=-1) & np.isnan(self.accel).all(axis=-1)
+        return none
 
     def rows(self, which: slice | np.ndarray) -> "Windows":
         """The windows that `which` selects."""

@@ -28,7 +28,11 @@ class AnyLog(LogConfig):
         if mapping.get("reader") != AUTO:
             return mapping
         said = {key: value for key, value in mapping.items() if value is not None}
-        path = str(said.pop("path", ""))
+        path = said.pop("path", "")
+        several = (
+            "several files are one recording's positions, which log=csv reads (log.angles_deg)"
+        )
+        require(isinstance(path, str), "path", path, several)
         require(bool(path), "path", path, "must name a file")
         del said["reader"]
         look = looked(find(path), said)

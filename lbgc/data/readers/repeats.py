@@ -29,6 +29,8 @@ def without_printed_twice(raw: Raw) -> Raw:
     note = f"printed twice: {same.sum()} rows of {raw.name}, time and all, were left out"
     return replace(
         raw, gyro=raw.gyro[kept], accel=raw.accel[kept], stamps=raw.stamps[kept],
+        plate=None if raw.plate is None else raw.plate[kept],
+        heading=None if raw.heading is None else raw.heading[kept],
         notes=(*raw.notes, note),
     )  # fmt: skip
 
