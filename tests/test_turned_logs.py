@@ -185,6 +185,17 @@ def test_what_needs_every_sample_refuses_time_without_a_record(simulated):
         CLASSICAL["mean"](still, sensor.model(100.0))
 
 
+def test_windows_in_which_nothing_was_recorded_are_left_out(tmp_path):
+    paths = in_files(tmp_path, [0.0, 180.0])
+    record = one(config(paths, angles_deg=[0.0, 180.0], gap_s=60.0))
+    windows = cut(record, 10.0)
+    np.testing.assert_array_equal(windows.start_s, [0, 10, 20, 90, 100, 110])
+    assert not windows.unrecorded.any()
+    short = write(tmp_path / "short.csv", np.ones((40, 6)))
+    with pytest.raises(InputError, match="takes 4 s or more"):
+        one(config([paths[0], short], angles_deg=[0.0, 180.0]))
+
+
 def test_a_single_channel_that_is_no_number_is_not_a_gap(simulated):
     record, sensor, _ = simulated
     gyro = record.gyro.copy()

@@ -18,6 +18,8 @@ from lbgc.units import DEG
 
 _SAME_RATE = 0.01
 """The relative difference up to which the rates of two files are one."""
+_SHORTEST_S = 4.0
+"""The shortest position, s: with less of it nothing is left to check beside a slew."""
 _LONGEST_S = 86400.0
 """The longest time between two files, s, that their time stamps are believed."""
 
@@ -77,7 +79,8 @@ def _span(record: Record, own: list[float]) -> tuple[int, int]:
     first, last = int(np.ceil(start - 1e-3)), int(np.floor(stop + 1e-3))
     about = f"is not within the {record.duration_s:.6g} s that {record.name} lasts"
     require(last <= len(record.gyro), "log.positions", own, about)
-    require(last - first > 1, "log.positions", own, f"holds no samples of {record.name}")
+    long = (last - first) / record.rate_hz > _SHORTEST_S - 0.01
+    require(long, "log.positions", own, f"must last {_SHORTEST_S:g} s or more")
     return first, last
 
 
@@ -98,6 +101,10 @@ def joined(
         about = f"but {first.name} has {first.rate_hz:.6g} Hz: files of one recording have one rate"
         require(alike, f"{own.name}: its rate, Hz", f"{own.rate_hz:.6g}", about)
     parts: dict[str, list[np.ndarray]] = {"gyro": [], "accel": [], "plate_angle": []}
+    for own in records:
+        about = f"is too short for a position of a plate, which takes {_SHORTEST_S:g} s or more"
+        long = own.duration_s > _SHORTEST_S - 0.01
+        require(long, f"{own.name}: its duration, s", f"{own.duration_s:.3g}", about)
     notes = dict.fromkeys(note for record in records for note in record.notes)
     before = known = 0.0
     for k, (record, degrees) in enumerate(zip(records, config.angles_deg, strict=True)):

@@ -121,7 +121,8 @@ def window_of(
 
 def cut(record: Record, window_s: float) -> Windows:
     """Cut a record into consecutive windows of `window_s`, or of the whole number of samples
-    nearest to that; no window (W = 0) where the record is shorter.
+    nearest to that; no window (W = 0) where the record is shorter, and none in which nothing was
+    recorded.
 
     Raises InputError where no whole number of samples is within 2% of the length.
     """
@@ -137,7 +138,7 @@ def cut(record: Record, window_s: float) -> Windows:
     def rows(values: np.ndarray) -> np.ndarray:
         return values[: count * size].reshape(count, size, *values.shape[1:])
 
-    return Windows(
+    windows = Windows(
         gyro=rows(record.gyro),
         accel=rows(record.accel),
         plate_angle=rows(record.plate_angle),
@@ -145,6 +146,9 @@ def cut(record: Record, window_s: float) -> Windows:
         latitude=np.full(count, record.latitude),
         start_s=np.arange(count) * length_s,
     )
+    if not np.isnan(windows.gyro[:, 0, 0]).any():
+        return windows
+    return windows.rows(np.asarray(~windows.unrecorded.all(axis=1)))
 
 
 def joined(several: Sequence[Windows]) -> Windows:

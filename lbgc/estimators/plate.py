@@ -90,5 +90,6 @@ def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
     force = turned(accel, angle)
     none = np.isnan(force)
     if none.any():
-        return euler_to_matrix(*level(np.mean(force, axis=1, where=~none)), 0.0)
+        seen = np.maximum(np.sum(~none, axis=1), 1)
+        return euler_to_matrix(*level(np.sum(force, axis=1, where=~none) / seen), 0.0)
     return euler_to_matrix(*level(force.mean(axis=1)), 0.0)
