@@ -477,6 +477,13 @@ def test_a_column_that_a_reader_does_not_have_is_refused(tmp_path):
         one(LogConfig(path=str(path), reader="psins", plate_column="p"))
 
 
+def test_a_column_that_is_not_there_is_named(tmp_path):
+    values, angle, _ = bench([0.0, 180.0])
+    path = write(tmp_path / "log.csv", values, [angle], ["p"])
+    with pytest.raises(InputError, match=r"log.plate_column = q: is no column .* f_z, p$"):
+        one(config(path, plate_column="q"))
+
+
 def test_a_lean_is_no_fault(tmp_path):
     values, angle, _ = bench([0.0, 90.0, 180.0, 270.0], lean_deg=(3.0, -2.0))
     path = write(tmp_path / "log.csv", values, [angle], ["p"])
