@@ -314,6 +314,9 @@ def test_a_turn_that_is_accepted_against_the_gyros_is_left_out(tmp_path):
 def test_times_of_positions_are_within_the_log(tmp_path):
     values, _, _ = bench([0.0, 180.0])
     path = write(tmp_path / "log.csv", values)
+    for changes in ({"from_s": 1.0}, {"to_s": 50.0}):
+        with pytest.raises(InputError, match="from its first sample to its last"):
+            one(config(path, positions=[[0, 30, 0], [40, 60, 180]], **changes))
     with pytest.raises(InputError, match=r"is not within the 67"):
         one(config(path, positions=[[0, 30, 0], [40, 9000, 180]]))
 
