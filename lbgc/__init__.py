@@ -22,6 +22,7 @@ Samples
 Labels
     ``heading`` is the test module's true heading when the plate's encoder reads zero; the encoder
     is zeroed at each recording's start. Heading at a time is ``heading + plate_angle``.
+    A log's angle is as its user states it; its heading is where that is zero.
     ``heading_reference`` is what the control module's erring reading implies for it: train on the
     reference, score on the truth; real logs have only a reference, and results say so.
 

@@ -43,6 +43,8 @@ class Own:
     """(W,), rad, headings that errors are relative to; NaN where they are not known"""
     recording: np.ndarray
     """(W,), number of each window's recording"""
+    heading_sigma: np.ndarray | None = None
+    """(W,), rad, 1 sigma of those headings; None where they are true, or it is not known"""
 
 
 @dataclass
@@ -57,6 +59,7 @@ class Answers:
     heading: list[np.ndarray] = field(default_factory=list)
     start_s: list[np.ndarray] = field(default_factory=list)
     recording: list[np.ndarray] = field(default_factory=list)
+    heading_sigma: list[np.ndarray] = field(default_factory=list)
     seconds: float = 0.0
     """Processor time of all answers."""
     at_least: bool = False
@@ -71,6 +74,8 @@ class Answers:
         self.heading.append(own.heading)
         self.start_s.append(windows.start_s)
         self.recording.append(own.recording)
+        none = np.zeros(len(own.heading))
+        self.heading_sigma.append(none if own.heading_sigma is None else own.heading_sigma)
         self.seconds += seconds
         self.at_least |= estimate.at_least
 
@@ -82,7 +87,8 @@ class Answers:
         """The figures of the errors of all windows."""
         names = ("errors", "latitude", "sigma", "recording")
         errors, latitude, sigma, recording = (self.all_of(name) for name in names)
-        return summarise(errors, latitude, sigma, recording, self.seconds, self.at_least)
+        reference = self.all_of("heading_sigma")
+        return summarise(errors, latitude, sigma, recording, self.seconds, self.at_least, reference)
 
     def headings(self, names: Sequence[str]) -> list[Headings]:
         """The estimated headings and sigmas, recording by recording. names : of all recordings, by

@@ -248,6 +248,7 @@ def _evaluate(
     bar = tqdm(total=count, desc="evaluating", unit="rec", leave=False)
     for batch in batches(records):
         heading = np.array([heading_of(own.record, subject.against) for own in batch])
+        reference = np.array([own.record.reference_sigma or 0.0 for own in batch])
         numbers = np.arange(len(batch)) + len(evaluation.recordings)
         evaluation.recordings += [own.record.name for own in batch]
         longest = max(longest, batch[0].record.duration_s)
@@ -262,7 +263,7 @@ def _evaluate(
             if window_s not in coarse_means:
                 sample_s = None if subject.imu is None else subject.imu.dt
                 coarse_means[window_s] = coarse.note(given[0], sample_s)
-            own = Own(np.repeat(heading, sizes), np.repeat(numbers, sizes))
+            own = Own(*(np.repeat(one, sizes) for one in (heading, numbers, reference)))
             for name, one in contenders.items():
                 windows = given[one.calibrated]
                 assert windows is not None

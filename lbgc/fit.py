@@ -333,15 +333,17 @@ def _read(config: FitConfig) -> Static:
         require_one_rate(records)
         for note in dict.fromkeys(note for record in records for note in record.notes):
             print(note)
-        name = config.log.name
+        name, key = config.log.name, "log"
+        if config.log.session is not None:
+            session = np.zeros(len(records), int)
     else:
         assert config.data is not None
         dataset = Dataset.open_finished(config.data)
         records = list(dataset.records(np.arange(min(len(dataset), 64))))
         session = dataset.label("session")[: len(records)]
-        name = shown(dataset.path)
+        name, key = shown(dataset.path), "data"
     still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
-    require(still, "data", name, "has a plate that turns; noise is fitted to resting recordings")
+    require(still, key, name, "has a plate that turns; noise is fitted to resting recordings")
     headings = [r.heading_reference for r in records]
     first = round(config.skip_s * records[0].rate_hz)
     n, longest = (f(len(r.gyro) for r in records) for f in (min, max))

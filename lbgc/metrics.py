@@ -34,8 +34,8 @@ class Summary:
     """RMSE of the error times cos(latitude): navigators state gyrocompasses in degrees
     sec(latitude)."""
     mean_normalised_squared_error: float | None = None
-    """Mean of (error/sigma)^2: 1 where the stated sigma is true; None where none was stated, or
-    zero."""
+    """Mean of (error/sigma)^2, with the variance of the reference, where it is known, added to that
+    of the estimate: 1 where the stated sigma is true; None where none was stated, or zero."""
     sigma_deg: float | None = None
     """Root mean square of the stated sigmas; None where none was stated."""
     sigma_is_at_least: bool = False
@@ -78,18 +78,23 @@ def summarise(
     recording: np.ndarray | None = None,
     seconds: float | None = None,
     at_least: bool = False,
+    reference: np.ndarray | None = None,
 ) -> Summary:
     """The figures of W >= 1 heading errors.
 
     errors, latitude, sigma : (W,), rad; recording : (W,), each window's recording, for the
-    intervals; seconds : processor time of all answers; at_least : whether sigma is a lower bound.
+    intervals; seconds : processor time of all answers; at_least : whether sigma is a lower bound;
+    reference : (W,), rad, 1 sigma of the headings that errors are from, which adds to the errors.
     """
     size = np.abs(np.rad2deg(errors))
     order = np.argsort(size)  # once, for the quantiles of every resample
     own = _numbers(np.zeros(len(size)) if recording is None else recording)
     size, latitude, own = size[order], latitude[order], own[order]
     told = sigma is not None and np.isfinite(sigma).all() and np.all(sigma > 0)
-    normalised = size / np.rad2deg(sigma[order]) if sigma is not None and told else None
+    normalised = None
+    if sigma is not None and told:
+        whole = sigma if reference is None else np.hypot(sigma, reference)
+        normalised = size / np.rad2deg(whole[order])
     sums = _Sums(size, latitude, normalised, own)
     figures = sums.figures(np.ones((1, sums.recordings)))
     intervals = None

@@ -56,6 +56,13 @@ def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterato
         notes = [f"{whose}: no heading is known, so there are no errors; log.heading_deg gives one"]
     else:
         notes = [f"{log.name}: a real log has no truth; errors are from its reference"]
+        if log.heading_sigma_deg is not None:
+            notes.append(
+                f"its 1 sigma is {log.heading_sigma_deg:g} deg, which is part of every error here; "
+                "sigmas are held against errors with it taken into account"
+            )
+    named = [f"{key} {own}" for key, own in (("unit", log.unit), ("session", log.session)) if own]
+    notes += [f"the log is of {', '.join(named)}"] if named else []
     notes += dict.fromkeys(note for record in records for note in record.notes)
     model = None if imu is None else imu.model(records[0].rate_hz)
     some = records[:16]

@@ -42,6 +42,10 @@ def furnish(home: Path, rows: int) -> None:
     np.savetxt(home / "datasheet.csv", curve, delimiter=",", header="tau,deviation", comments="")
     header = "w_x,w_y,w_z,f_x,f_y,f_z"
     np.savetxt(home / "mylog.csv", log, delimiter=",", header=header, comments="", fmt="%.7g")
+    for name, turn in (("up", 1.0), ("down", -1.0)):
+        rest = np.multiply(mean, [turn, turn, 1.0, turn, turn, 1.0])
+        rest = rest + np.random.default_rng(2).standard_normal((11_500, 6)) * spread
+        np.savetxt(home / f"{name}.csv", rest, delimiter=",", header=header, comments="")
 
 
 def lacking(command: str) -> str | None:

@@ -25,7 +25,7 @@ def smaller(command: str) -> list[str]:
     if script == "sim/generate.py":
         few = "recordings=10" if "out=" in command else "recordings=2"
         return [few, "duration_s=30"] if "scene" in command else [few]
-    if "turned.zarr" in command:
+    if "turned.zarr" in command or "down.csv" in command:
         return ["windows_s=[240]"]
     return SMALLER.get(script, [])
 

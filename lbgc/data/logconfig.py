@@ -8,7 +8,13 @@ import numpy as np
 from lbgc.data.checks.findings import CHECKS
 from lbgc.data.readers.axes import is_right_handed, require_axes
 from lbgc.data.readers.clock import TIME_UNITS
-from lbgc.errors import require, require_choice, require_name, require_positive
+from lbgc.errors import (
+    require,
+    require_choice,
+    require_name,
+    require_not_negative,
+    require_positive,
+)
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
 GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
@@ -18,6 +24,9 @@ ACCEL_UNITS = FORCE_UNITS | VELOCITY_UNITS
 READERS = ("table", "recordings", "psins")
 GAPS = ("refuse", "join", "longest", "split")
 REPEATS = ("auto", "drop", "keep")
+PLATE_UNITS = ("auto", "deg", "rad")
+_LONGEST_GAP_S = 86400.0
+"""Time between two files of one recording, s, at most."""
 DEFAULT_GYRO, DEFAULT_ACCEL = ("w_x", "w_y", "w_z"), ("f_x", "f_y", "f_z")
 """Columns' names where the user gives none: those of the published layout."""
 
@@ -33,7 +42,8 @@ class LogConfig:
     `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
     path: str | list[str] = ""
     """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS. Or several files of one
-    sensor and one layout, each a recording: [first.csv, second.csv]."""
+    sensor and one layout: the positions of one recording where `angles_deg` says where the plate
+    stood in each, a recording each otherwise."""
     gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
     """The file's gyro columns, x, y and z. Where it has none of the default ones, names such as gx
     (deg/s), gyro_x or angular_velocity.x are found."""
@@ -82,8 +92,33 @@ class LogConfig:
     latitude: float | None = None
     """Latitude, degrees; null: from the header."""
     heading_deg: float | None = None
-    """Reference heading of the forward axis, degrees; null: from the header or the file's name, if
-    there."""
+    """Reference heading of the forward axis, degrees, where the plate's angle is zero; null: from
+    the header or the file's name, if there."""
+    heading_column: Any = None
+    """The column, by name or position, of a reference instrument's heading of the forward axis,
+    degrees, which turns with the plate."""
+    heading_sigma_deg: float | None = None
+    """1 sigma of that reference, degrees; null: it is not known."""
+    plate_column: Any = None
+    """The column, by name or position, of the plate's angle at each sample's end, clockwise seen
+    from above."""
+    plate_unit: str = "auto"
+    """Its unit, deg or rad; auto: as the column's name says, deg where it says nothing."""
+    plate_scale: float = 1.0
+    """Units of the plate's angle in one count of its column; negative where it counts
+    counter-clockwise."""
+    positions: list[list[float]] | None = None
+    """Or the plate's positions, [[from_s, to_s, angle_deg], ...] in order of time, in seconds since
+    the first sample; between them it turns."""
+    angles_deg: list[float] | None = None
+    """Or, where `path` names several files, the plate's angle in each, degrees."""
+    gap_s: float | None = None
+    """Time from the end of each of several files to the start of the next, s; null: by their time
+    stamps, where these are of one clock that runs on."""
+    unit: str | None = None
+    """The name of this sensor, such as its serial number."""
+    session: str | None = None
+    """The name of the power-up that the log is of."""
     bias_limit_deg_per_h: float | None = None
     """The largest gyro bias that this sensor is known to have: a mean rate further from Earth's is
     refused, and estimators without a sensor model take every bias within it as equally probable.
@@ -98,9 +133,8 @@ class LogConfig:
     def __post_init__(self) -> None:
         require_name("name", self.name)
         require_choice("reader", self.reader, READERS)
-        require(bool(self.files) and "" not in self.files, "path", self.path, "must name a file")
-        once = len(set(self.files)) == len(self.files)
-        require(once, "path", self.path, "names a file twice")
+        _require_paths(self.files, self.angles_deg)
+        self._require_plate()
         for name in ("gyro_columns", "accel_columns"):
             columns = getattr(self, name)
             require(len(set(columns)) == 3, name, columns, "must be three column names")
@@ -137,6 +171,34 @@ class LogConfig:
             require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
         if self.latitude is not None:
             require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
+        require_positive("heading_sigma_deg", self.heading_sigma_deg)
+        for key in ("unit", "session"):
+            if getattr(self, key) is not None:
+                require_name(key, getattr(self, key))
+
+    def _require_plate(self) -> None:
+        """Raise InputError unless the plate's angles are stated in one way, or not at all."""
+        keys = ("plate_column", "positions", "angles_deg")
+        ways = [key for key in keys if getattr(self, key) is not None]
+        about = f"and {ways[-1]} both state the plate's angles: give one" if ways else ""
+        require(len(ways) < 2, ways[0] if ways else "", "given", about)
+        require_choice("plate_unit", self.plate_unit, PLATE_UNITS)
+        require(self.plate_scale != 0, "plate_scale", self.plate_scale, "must not be zero")
+        for key in ("plate_column", "heading_column"):
+            _require_column(key, getattr(self, key))
+        last = 0.0
+        require(self.positions != [], "positions", self.positions, "must name one, or be null")
+        for own in self.positions or []:
+            good = len(own) == 3 and last <= own[0] < own[1]
+            about = "must be [from_s, to_s, angle_deg] each, in order of time, without overlap"
+            require(good, "positions", own, about)
+            last = own[1]
+        if self.gap_s is not None:
+            require_not_negative(self, "gap_s")
+            most = f"must be up to {_LONGEST_GAP_S:g}"
+            require(self.gap_s <= _LONGEST_GAP_S, "gap_s", self.gap_s, most)
+            several = self.angles_deg is not None
+            require(several, "gap_s", self.gap_s, "is for several files: path=[...], angles_deg")
 
     @property
     def files(self) -> list[str]:
@@ -172,10 +234,19 @@ def _require_columns(columns: list[Any] | None, time: Any) -> None:
     require(good, "time_column", time, "must be one column, or [seconds, nanoseconds]")
     for key, given in (("columns", columns or []), ("time_column", times)):
         for name in given:
-            _require_place(key, name)
+            _require_column(key, name)
 
 
-def _require_place(key: str, name: Any) -> None:
-    """Raise InputError unless a column is a name, or a position counted from one."""
-    known = isinstance(name, str) or (type(name) is int and name > 0)
+def _require_column(key: str, name: Any) -> None:
+    """Raise InputError unless a column is a name, a position counted from one, or not given."""
+    known = name is None or isinstance(name, str) or (type(name) is int and name > 0)
     require(known, key, name, "must be a name, or a position counted from one")
+
+
+def _require_paths(files: list[str], angles: list[float] | None) -> None:
+    """Raise InputError unless files are named, once each and with an angle each where there are
+    any."""
+    require(bool(files) and all(files), "path", files, "must name a file")
+    require(len(set(files)) == len(files), "path", files, "names a file twice")
+    about = f"must be {len(files)}, one for each file of path"
+    require(angles is None or len(angles) == len(files), "angles_deg", angles, about)

@@ -8,17 +8,22 @@ import numpy as np
 
 from lbgc.data.checks import all_checks
 from lbgc.data.logconfig import LogConfig
+from lbgc.data.positions import at_positions, joined
 from lbgc.data.readers.axes import matrix_of
 from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite
 from lbgc.data.readers.repeats import sampled, without_printed_twice
 from lbgc.data.readers.timing import EvenPieces, timing
 from lbgc.data.record import Record
+from lbgc.data.rests import without_flicker
 from lbgc.errors import InputError, require
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
 _UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
 """Units that depend on the value of g that a file states."""
+_UNEVEN_DEG = 5.0
+"""Largest scatter of a reference instrument's headings, degrees, about one that turns with the
+plate."""
 
 
 def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> Iterator[Record]:
@@ -28,13 +33,31 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     Where it is not (the noise is fitted, the sensor calibrated), faults that matter only to a
     heading become notes.
     """
-    found = [
-        all_checks.checked(record, raw.config, imu, north)
-        for file in config.files
-        for raw in READERS[config.reader](find(file), replace(config, path=file))
-        for record in _records(raw)
-    ]
+    if config.angles_deg is not None:
+        records = [_of_files(config, imu)]
+    else:
+        records = [
+            (record, raw.config)
+            for file in config.files
+            for raw in READERS[config.reader](find(file), replace(config, path=file))
+            for record in _records(raw)
+        ]
+    found = [all_checks.checked(record, own, imu, north) for record, own in records]
     yield from all_checks.together(_told_apart(found), config, north)
+
+
+def _of_files(config: LogConfig, imu: ImuModel | None) -> tuple[Record, LogConfig]:
+    """The one recording whose positions are files of their own, and its configuration. Raises
+    InputError where a file holds several recordings, or cannot be one of this recording's."""
+    records, raws = [], []
+    for path in [config.path] if isinstance(config.path, str) else config.path:
+        own = replace(config, path=path, angles_deg=None, gap_s=None)
+        read_from = list(READERS[config.reader](find(path), own))
+        pieces = [record for raw in read_from for record in _records(raw)]
+        require(len(pieces) == 1, "log.path", path, "holds several recordings, not one position")
+        records += pieces
+        raws += read_from
+    return joined(records, raws, config, imu), replace(raws[0].config, angles_deg=None)
 
 
 def _told_apart(records: Iterable[Record]) -> list[Record]:
@@ -57,16 +80,34 @@ def _records(raw: Raw) -> Iterator[Record]:
     clock = clock_of(raw)
     rows = np.hstack([raw.gyro, raw.accel])
     pieces = _within(clock, raw.config, raw.name)
+    if raw.config.positions is not None:
+        whole = pieces == [slice(0, len(rows))]
+        about = f"is for {raw.name} from its first sample to its last, in one piece"
+        require(whole, "log.positions", raw.config.positions, about)
     for number, piece in enumerate(pieces, start=1):
         name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
         values, rate, notes = sampled(name, rows[piece], clock.rate_hz, raw.config.repeats)
-        warmth = raw.temperature
-        if warmth is not None:  # slow, so that which of repeated rows is taken does not matter
-            warmth = warmth[piece]
-            at = (np.arange(len(values)) + 0.5) / len(values) * len(warmth) - 0.5
-            warmth = np.interp(at, np.arange(len(warmth)), warmth)
-        own = replace(raw, name=name, gyro=values[:, :3], accel=values[:, 3:], temperature=warmth)
-        yield _record(own, rate, (*raw.notes, *clock.notes, *notes))
+        own = replace(
+            raw,
+            name=name,
+            gyro=values[:, :3],
+            accel=values[:, 3:],
+            plate=_beside(raw.plate, piece, len(values)),
+            heading=_beside(raw.heading, piece, len(values)),
+            temperature=_beside(raw.temperature, piece, len(values)),
+        )
+        record = _record(own, rate, (*raw.notes, *clock.notes, *notes))
+        yield record if raw.config.positions is None else at_positions(record, raw.config)
+
+
+def _beside(column: np.ndarray | None, piece: slice, samples: int) -> np.ndarray | None:
+    """The values, (samples,), of a column beside the sensors' at the ends of a piece's samples,
+    which may be held for several rows."""
+    if column is None:
+        return None
+    own = column[piece]
+    ends = np.round(np.arange(1, samples + 1) * (len(own) / samples)).astype(int) - 1
+    return np.asarray(own[np.clip(ends, 0, len(own) - 1)])
 
 
 def _within(clock: EvenPieces, config: LogConfig, name: str) -> list[slice]:
@@ -105,20 +146,51 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
     config = raw.config
     require(config.latitude is not None, "log.latitude", None, "must be given for this log")
     assert config.latitude is not None
+    for key, column in (("plate_column", raw.plate), ("heading_column", raw.heading)):
+        given = getattr(config, key)
+        about = f"is not read from {raw.name}: log.reader={config.reader} has no further columns"
+        require(given is None or column is not None, f"log.{key}", given, about)
     gyro = raw.gyro * config.gyro_scale * rate_factor(config.gyro_unit, rate)
     accel = _forces(raw, rate)
-    heading = None if config.heading_deg is None else config.heading_deg * DEG
-    return Record(
+    angle = np.zeros(len(gyro))
+    if raw.plate is not None:
+        factor = 1.0 if config.plate_unit == "rad" else DEG
+        angle = np.unwrap(raw.plate * (config.plate_scale * factor))
+    sigma = config.heading_sigma_deg
+    record = Record(
         name=raw.name,
         gyro=gyro @ matrix_of(config.axes).T,
         accel=accel @ matrix_of(config.axes_of_accel).T,
-        plate_angle=np.zeros(len(gyro)),
+        plate_angle=angle,
         rate_hz=rate,
         latitude=config.latitude * DEG,
-        heading_reference=heading,
+        heading_reference=_reference(raw, angle),
+        reference_sigma=None if sigma is None else sigma * DEG,
+        unit=config.unit,
+        session=config.session,
         temperature=raw.temperature,
         notes=notes,
     )
+    return record if raw.plate is None else without_flicker(record)
+
+
+def _reference(raw: Raw, angle: np.ndarray) -> float | None:
+    """The reference heading where the plate's angle is zero, rad: the stated one, or the circular
+    mean of the column's less the angle, (T,), rad. Raises InputError where the column does not turn
+    with the plate."""
+    config = raw.config
+    if raw.heading is None:
+        return None if config.heading_deg is None else config.heading_deg * DEG
+    at_zero = np.exp(1j * (raw.heading * DEG - angle))
+    mean = float(np.angle(at_zero.mean()))
+    off = float(np.sqrt(np.mean(np.angle(at_zero * np.exp(-1j * mean)) ** 2))) / DEG
+    if off > _UNEVEN_DEG:
+        raise InputError(
+            "log.heading_column", config.heading_column, "", f"differs by {off:.3g} deg RMS from "
+            f"one heading of {raw.name} that turns with the plate: its unit is degrees, clockwise "
+            "from north; or the plate's angle is wrong"
+        )  # fmt: skip
+    return mean
 
 
 def _forces(raw: Raw, rate_hz: float) -> np.ndarray:

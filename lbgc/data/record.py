@@ -19,11 +19,12 @@ class Record:
     name: str
     """The recording's name in messages and reports"""
     gyro: np.ndarray
-    """(T, 3), rad/s, mean rates over (t_k - dt, t_k], body axes forward-right-down."""
+    """(T, 3), rad/s, mean rates over (t_k - dt, t_k], body axes forward-right-down. NaN, as the
+    forces, where nothing was recorded: between the files of a recording."""
     accel: np.ndarray
     """(T, 3), m/s^2, mean specific force over the same intervals and along the same axes."""
     plate_angle: np.ndarray
-    """(T,), rad, as the encoder reads it: zero at the recording's start."""
+    """(T,), rad, as the encoder reads it. A dataset's is zero at the recording's start."""
     rate_hz: float
     """Samples a second"""
     latitude: float
@@ -34,6 +35,12 @@ class Record:
     """rad, the same heading by the reference instrument."""
     temperature: np.ndarray | None = None
     """(T,), of the sensor, K or degrees Celsius; None where it was not recorded."""
+    reference_sigma: float | None = None
+    """rad, 1 sigma of that reference; None where it is not known."""
+    unit: str | None = None
+    """The sensor's name, where the log states it"""
+    session: str | None = None
+    """The power-up's name, likewise"""
     notes: tuple[str, ...] = ()
     """Plain sentences that belong to the recording's results: how its clock was read, what of its
     frame could not be checked."""

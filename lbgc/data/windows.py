@@ -28,7 +28,7 @@ class Windows:
     """W windows of equal length. An estimator answers each from its own row alone."""
 
     gyro: np.ndarray
-    """(W, T, 3), rad/s, angular rates"""
+    """(W, T, 3), rad/s, angular rates; NaN, as the forces, where nothing was recorded"""
     accel: np.ndarray
     """(W, T, 3), m/s^2, specific forces"""
     plate_angle: np.ndarray
@@ -47,6 +47,14 @@ class Windows:
     def duration_s(self) -> float:
         """The length of each window, s."""
         return float(self.gyro.shape[1] / self.rate_hz)
+
+    @property
+    def unrecorded(self) -> np.ndarray:
+        """The samples at which nothing was recorded, all six channels NaN: bool (W, T)."""
+        none = np.asarray(np.isnan(self.gyro[..., 0]))
+        if none.any():
+            none &= np.isnan(self.gyro).all(axis=-1) & np.isnan(self.accel).all(axis=-1)
+        return none
 
     def rows(self, which: slice | np.ndarray) -> "Windows":
         """The windows that `which` selects."""
@@ -113,7 +121,8 @@ def window_of(
 
 def cut(record: Record, window_s: float) -> Windows:
     """Cut a record into consecutive windows of `window_s`, or of the whole number of samples
-    nearest to that; no window (W = 0) where the record is shorter.
+    nearest to that; no window (W = 0) where the record is shorter, and none in which nothing was
+    recorded.
 
     Raises InputError where no whole number of samples is within 2% of the length.
     """
@@ -129,7 +138,7 @@ def cut(record: Record, window_s: float) -> Windows:
     def rows(values: np.ndarray) -> np.ndarray:
         return values[: count * size].reshape(count, size, *values.shape[1:])
 
-    return Windows(
+    windows = Windows(
         gyro=rows(record.gyro),
         accel=rows(record.accel),
         plate_angle=rows(record.plate_angle),
@@ -137,6 +146,9 @@ def cut(record: Record, window_s: float) -> Windows:
         latitude=np.full(count, record.latitude),
         start_s=np.arange(count) * length_s,
     )
+    if not np.isnan(windows.gyro[:, 0, 0]).any():
+        return windows
+    return windows.rows(np.asarray(~windows.unrecorded.all(axis=1)))
 
 
 def joined(several: Sequence[Windows]) -> Windows:

@@ -138,12 +138,14 @@ class Course:
         start_s: float = 0.0,
         size: int = 1,
         settling: np.ndarray | None = None,
+        unrecorded: np.ndarray | None = None,
     ) -> "Course":
         """The course that follows from the plate's mean angle over each sample.
 
         angle : (n size,), rad, unwrapped; interval : s, of a block of `size` samples; start_s : s,
         the window's start in its recording; settling : bool (n,), blocks in which the plate is not
-        at rest yet although its angle does not show it.
+        at rest yet although its angle does not show it; unrecorded : bool (n,), blocks of which
+        samples are missing.
 
         Blocks in which the plate speeds up or slows down are left out, unless they lie between two
         rests. Those together are one slew, in which the plate travels the angle between the rests.
@@ -155,6 +157,8 @@ class Course:
         rate = travel_within(of_blocks) / interval
         if settling is not None:
             used = used & ~settling
+        none = np.zeros(len(used), bool) if unrecorded is None else unrecorded
+        used = used & ~none
         turned = mean_turn(of_blocks, rate * interval)
         single = ((int(k), 1, of_blocks[k], rate[k], turned[k]) for k in np.flatnonzero(used))
         parts = [
@@ -163,7 +167,8 @@ class Course:
         ]
         edges = np.flatnonzero(np.diff(used.astype(int)))
         for before, last in pairwise(edges):
-            if used[before] and resting[before] and resting[last + 1]:
+            seen = not none[before : last + 2].any()
+            if seen and used[before] and resting[before] and resting[last + 1]:
                 parts += _slew(angle, of_blocks, size, interval, int(before), int(last))
         parts.sort(key=lambda part: part[0])
         return cls(interval, round(start_s / interval), *_columns(parts))
@@ -257,15 +262,21 @@ def levelled(
     interval = size / windows.rate_hz
     base = tilt_of(unrepeated(angle), accel)
     body = np.concatenate([gyro, accel], axis=-1)
+    none = np.isnan(body).all(axis=-1)
     start = windows.start_s * (not timeless)
     alike = np.column_stack([start, windows.latitude, angle.round(9)]) + 0.0  # no -0.0
+    if none.any():
+        alike = np.column_stack([alike, none])
     own: dict[bytes, list[int]] = {}
     for number, row in enumerate(alike):
         own.setdefault(row.tobytes(), []).append(number)
     groups: dict[tuple[Course, float], list[int]] = {}
     for rows in own.values():
         start_s, latitude = alike[rows[0], :2].tolist()
-        course = Course.planned(samples[rows[0]].round(9), interval, start_s, size)
+        own_samples = samples[rows[0]].round(9)
+        course = Course.planned(
+            own_samples, interval, start_s, size, unrecorded=none[rows[0]] if none.any() else None
+        )
         groups.setdefault((course, latitude), []).extend(rows)
     return [
         Levelled(c, Site.at(latitude), np.array(rows), _parts(body[rows], c), base[rows])

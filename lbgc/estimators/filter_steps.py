@@ -47,19 +47,41 @@ class Steps:
     """bool (W, n): the plate rests, or turns evenly on a carousel"""
     rests: np.ndarray
     """bool (W, n): the plate rests; false throughout where the base is taken to move"""
+    unrecorded: np.ndarray
+    """bool (W, n): samples of the step are missing; its integrals are then zero, and its mean force
+    NaN"""
+
+    @property
+    def carried(self) -> np.ndarray:
+        """The angle by which the plate turns, (W, n), rad, over all the steps without a record that
+        end with this one; zero for the others."""
+        found = np.zeros(self.angle.shape)
+        start, end = self.angle - self.half * self.even, self.angle + self.half * self.even
+        for row, none in enumerate(self.unrecorded):
+            edges = np.flatnonzero(np.diff(np.r_[False, none, False].astype(np.int8)))
+            for first, after in zip(edges[::2], edges[1::2], strict=True):
+                if first > 0 and after < len(none):
+                    found[row, after - 1] = start[row, after] - end[row, first - 1]
+        return found
 
 
 def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: str) -> Steps:
     """Windows in steps of `size` samples each; samples left over at the end are dropped.
 
     moving : whether the base is taken to move; name : the estimator's. Raises InputError where the
-    plate never rests or turns evenly.
+    plate never rests or turns evenly, or where the base moves and something was not recorded.
     """
     w, n, dt = len(windows), windows.gyro.shape[1] // size, 1 / windows.rate_hz
     cut = n * size
     gyro, accel = (
         np.asarray(v[:, :cut], float).reshape(w, n, size, 3) for v in (windows.gyro, windows.accel)
     )
+    none = np.asarray(windows.unrecorded[:, :cut].reshape(w, n, size).any(axis=2))
+    if none.any():
+        if moving:
+            what = "moves while something was not recorded: the gyros cannot carry the attitude on"
+            raise refusal(name, "the base", "", what)
+        gyro, accel = (np.where(none[..., None, None], 0.0, v) for v in (gyro, accel))
     turned = np.broadcast_to(np.eye(3), (w, n, 3, 3))
     push, total = np.zeros((w, n, 3)), np.zeros((w, n, 3))
     for k in range(size):
@@ -75,15 +97,17 @@ def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: st
             even[row] = _even(angle[row], size * dt)
             continue
         even[row], resting = usable(angle[row].round(9))
+        even[row] &= ~none[row]
         rests[row] = even[row] & resting
     if not even.any(axis=1).all():
         raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
     half = np.gradient(angle, axis=1) / 2 if n > 1 else np.zeros((w, 1))
     half[rests] = 0.0
-    means = gyro.mean(axis=2), accel.mean(axis=2)
+    means = gyro.mean(axis=2), np.where(none[..., None], np.nan, accel.mean(axis=2))
     # Rounding to counts and fast sways scatter single samples of velocity far more than their mean.
     mean_push, mean_time = (total / size, (size + 1) / 2 * dt) if moving else (push, size * dt)
-    return Steps(size * dt, turned, push, mean_push, mean_time, *means, angle, half, even, rests)
+    return Steps(size * dt, turned, push, mean_push, mean_time, *means, angle, half, even, rests,
+                 none)  # fmt: skip
 
 
 def _even(angle: np.ndarray, interval: float) -> np.ndarray:

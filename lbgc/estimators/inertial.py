@@ -251,7 +251,7 @@ _DIFFERENCES = _Form(_differences, _undifferenced)
 
 def _check(name: str, windows: Windows) -> None:
     """Raise InputError where windows cannot be answered, or have fewer than 50 samples."""
-    check(name, windows)
+    check(name, windows, whole=True)
     samples = windows.gyro.shape[1]
     if samples < _LEAST_SAMPLES:
         about = f"samples a window; it takes {_LEAST_SAMPLES} or more, fast enough to see the sway"

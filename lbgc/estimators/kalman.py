@@ -240,13 +240,15 @@ def _filter(
     R[:, :3] = (law.gyro.white + 2 * law.gyro.angle / windows.duration_s) / steps.interval
     R[:, 3:6] = noise[:, None]
     surprise, count = np.zeros(w), np.zeros(w)
-    turned = np.zeros(w, complex)
+    turned, carried = np.zeros(w, complex), steps.carried
     for k in range(n):
         begun = k >= first
-        even = steps.even[:, k] & begun
-        held = (even & still) | ~begun
+        even, none = steps.even[:, k] & begun, steps.unrecorded[:, k]
+        held = (even & still) | ~begun | none
         start = state.c_nb
         _advance(state, law, steps, k, held)
+        if none.any():
+            _carry(state, none, np.where(begun, carried[:, k], 0.0))
         state.P[:, V, V] += (~even * _SHAKEN**2)[:, None, None] * np.eye(3)
         z, H = _innovation(state, law, steps, k, base, start)
         used = np.stack([even & held] * 3 + [even] * 3 + [even & still], axis=1)
@@ -275,6 +277,7 @@ def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -
     middle = c_nb @ middle
     on = rotation_matrix(-earth * h) @ c_nb @ steps.turned[:, k] @ rotation_matrix(-of_gyro * h)
     stays = held & (plate == 0.0)
+    stays &= ~steps.unrecorded[:, k]
     push = np.where(stays[:, None], steps.force[:, k] * h, steps.push[:, k])
     pushed = np.einsum("wij,wj->wi", c_nb, push)
     pushed -= np.einsum("wij,wj->wi", middle, state.of_accel()) * h
@@ -301,6 +304,15 @@ def _advance(state: _State, law: _Law, steps: Steps, k: int, held: np.ndarray) -
     diagonal = np.arange(len(law.decay))
     P[:, diagonal, diagonal] += law.driven
     P[:, PHI, PHI] += carried * (law.gyro.white * h) * np.eye(3)
+
+
+def _carry(state: _State, none: np.ndarray, by: np.ndarray) -> None:
+    """Carry windows over a step that was not recorded, none, bool (W,): the base rests, the plate
+    turns by this angle, (W,), rad, and nothing is known of a velocity."""
+    state.c_nb = np.where(none[:, None, None], state.c_nb @ rotation_z(by), state.c_nb)
+    state.velocity[none] = 0.0
+    state.P[none, V] = 0.0
+    state.P[none, :, V] = 0.0
 
 
 def _innovation(

@@ -59,13 +59,16 @@ def answer(
     return Estimate(heading, sigma, at_least)
 
 
-def check(name: str, windows: Windows) -> None:
-    """Raise InputError where a window has no heading to find, or no accelerometer to level by."""
+def check(name: str, windows: Windows, whole: bool = False) -> None:
+    """Raise InputError where a window has no heading to find, or no accelerometer to level by.
+    whole : whether it must be recorded throughout."""
     if not heading_exists(windows.latitude).all():
         raise refusal(name, "a pole", "", "has no north: Earth's rate is vertical there")
-    if not np.abs(windows.accel).max(initial=0.0) > 0:
+    if not np.fmax.reduce(np.abs(windows.accel), axis=None, initial=0.0) > 0:
         raise refusal(name, "accel", "", "is zero throughout: without accelerometers nothing is "
                       "level")  # fmt: skip
+    if whole and windows.unrecorded.any():
+        raise refusal(name, "a window", "", "holds a time in which nothing was recorded")
 
 
 def needs_model(name: str, imu: ImuModel | None) -> ImuModel:

@@ -86,5 +86,10 @@ def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
     """Rotation from the base's axes to level ones, (W, 3, 3), by the mean specific force.
 
     angle : (W, n or 1), rad, the plate's; accel : (W, n, 3), m/s^2, specific force in the body's
-    axes."""
-    return euler_to_matrix(*level(turned(accel, angle).mean(axis=1)), 0.0)
+    axes, NaN where nothing was recorded."""
+    force = turned(accel, angle)
+    none = np.isnan(force)
+    if none.any():
+        seen = np.maximum(np.sum(~none, axis=1), 1)
+        return euler_to_matrix(*level(np.sum(force, axis=1, where=~none) / seen), 0.0)
+    return euler_to_matrix(*level(force.mean(axis=1)), 0.0)

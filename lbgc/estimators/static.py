@@ -65,7 +65,8 @@ def gls(windows: Windows, imu: ImuModel | None = None, *, checked: bool = True) 
 
 
 def _at_rest(name: str, windows: Windows) -> None:
-    """Raise InputError where the plate travels more than 0.01 degrees within a window."""
+    """Raise InputError where the plate travels more than 0.01 degrees within a window, or where
+    something was not recorded."""
     travel = np.ptp(windows.plate_angle, axis=1)
     if travel.max(initial=0.0) > _MOVED:
         raise refusal(
@@ -74,6 +75,8 @@ def _at_rest(name: str, windows: Windows) -> None:
             "deg",
             "of plate travel within a window: it takes windows at rest only",
         )
+    if windows.unrecorded.any():
+        raise refusal(name, "a window", "", "holds a time that was not recorded")
 
 
 def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:

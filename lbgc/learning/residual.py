@@ -33,14 +33,17 @@ def inputs(
     """A network's features, float32 (W, T, C), at its own rate, and the headings that it corrects,
     (W,), rad: zero without a base. imu : the sensor's model, which weights some bases.
 
-    Raises InputError where a value is not finite, where the windows' rate is no whole multiple of
-    the network's, or where the base refuses the windows.
+    Raises InputError where a value is not finite although something was recorded, where the
+    windows' rate is no whole multiple of the network's, or where the base refuses the windows.
     """
     if not config.sways:
         windows = at_rate(windows, rate_hz)
         if config.base is None:
             return features(config, windows), np.zeros(len(windows))
-    finite = all(np.isfinite(v).all() for v in (windows.gyro, windows.accel, windows.plate_angle))
+    finite = np.isfinite(windows.plate_angle).all() and all(
+        (np.isfinite(v).all(axis=-1) | (windows.unrecorded & (not config.sways))).all()
+        for v in (windows.gyro, windows.accel)
+    )
     if not finite:
         raise InputError("window", "not finite", "", "every value must be a finite number")
     name = config.base
@@ -62,9 +65,10 @@ def base_heading(name: str, windows: Windows, imu: ImuModel | None) -> np.ndarra
 
 def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.ndarray:
     """The features of windows turned by the headings base, (W,), rad; zero where the plate neither
-    rests nor turns evenly."""
+    rests nor turns evenly, and where nothing was recorded."""
     angle = unrepeated(windows.plate_angle)
-    travel, used = travel_within(angle), usable(angle)[0][..., None]
+    travel = travel_within(angle)
+    used = (usable(angle)[0] & ~windows.unrecorded)[..., None]
     psi = base[:, None] + angle - travel / 2  # an encoder is read at a sample's end
     latitude = windows.latitude[:, None]
     north, down = EARTH_RATE * np.cos(latitude), -EARTH_RATE * np.sin(latitude)
@@ -82,7 +86,9 @@ def _features(config: ModelConfig, windows: Windows, base: np.ndarray) -> np.nda
     place = np.log2(np.cos(windows.latitude))
     lengths = np.full(len(windows), length)
     fixed = np.stack([np.sin(base), np.cos(base), lengths, place], axis=-1)[:, None]
-    parts = [part * used for channel in config.channels for part in columns[channel]()]
+    parts = [
+        np.where(used, part, 0.0) for channel in config.channels for part in columns[channel]()
+    ]
     size = windows.plate_angle.shape
     every = [np.broadcast_to(part, (*size, part.shape[-1])) for part in (*parts, fixed)]
     return np.concatenate(every, axis=-1, dtype=np.float32)

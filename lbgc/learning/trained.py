@@ -38,6 +38,11 @@ _ANOTHER = 18.4
 """Chi-square of two degrees of freedom (a heading takes one of three) that a log of the unit's own
 exceeds once in 10,000 times."""
 _RESTING = ("static", "heading_scan")
+_TURNING = ("carousel",)
+_APART_DEG = {"two_position": 180.0, "four_position": 90.0}
+"""Degrees of which the angles between a protocol's positions are whole multiples."""
+_NEAR_POSITION = np.deg2rad(1.0)
+"""rad, from a position within which a plate is there."""
 
 
 @dataclass(frozen=True)
@@ -123,10 +128,25 @@ class Trained:
             found.append(self._refusal(f"{far[0]:.4g}", "deg", "is no latitude of its"))
         if not min(lengths) - 1e-6 <= windows.duration_s <= max(lengths) + 1e-6:
             found.append(self._refusal(f"{windows.duration_s:g}", "s", "is no length of its"))
-        does, rests = _motion(windows), self.said["protocol"] in _RESTING
-        if rests != (does == "rests"):
+        does = _motion(windows)
+        if not self._is_course(does):
             found.append(self._refusal("a plate", "", f"that {does} is none of its"))
+        apart = _APART_DEG.get(self.said["protocol"])
+        if apart is not None and does == "turns and rests":
+            off = _off_positions(windows, np.deg2rad(apart))
+            if off > _NEAR_POSITION:
+                what = f"from any of its positions, which are {apart:g} degrees apart, is a plate's"
+                found.append(self._refusal(f"{np.rad2deg(off):.3g}", "deg", what))
         return found
+
+    def _is_course(self, does: str) -> bool:
+        """Whether what a plate does, in the words of `_motion`, is what it did in training."""
+        protocol = self.said["protocol"]
+        if protocol in _RESTING or does == "rests":
+            return protocol in _RESTING and does == "rests"
+        if protocol in _TURNING:
+            return does == "turns"
+        return protocol not in _APART_DEG or does == "turns and rests"
 
     def _refusals_of_setting(self, setting: Setting) -> list[InputError]:
         """Reasons to refuse that the setting gives: sensor, protocol, unit."""
@@ -182,6 +202,17 @@ class Trained:
                 residual(rate - drawn["bias_unit"], force, record.latitude, np.sqrt(allowed))[0]
             )
         return float(np.sqrt(min(chis))) if min(chis) > _ANOTHER else None
+
+
+def _off_positions(windows: Windows, apart: float) -> float:
+    """The largest angle, rad, of a plate at rest from the nearest whole multiple of `apart`, rad,
+    after its first rest in the window."""
+    resting = usable(windows.plate_angle)[1] & ~windows.unrecorded
+    worst = 0.0
+    for angle, own in zip(windows.plate_angle, resting, strict=True):
+        since = (angle[own] - angle[own][:1]) / apart
+        worst = max(worst, float(np.abs(since - np.round(since)).max(initial=0.0)) * apart)
+    return worst
 
 
 def _motion(windows: Windows) -> str:

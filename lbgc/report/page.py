@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from lbgc.data import picture
 from lbgc.data.record import Record
+from lbgc.data.rests import longest_rest
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError, build
 from lbgc.headings import Table, one_by_one, spelled
@@ -295,10 +296,12 @@ def _by_heading(result: Result) -> Figure:
 
 
 def _allan(subject: Subject) -> Figure:
-    """The figure of the gyros' Allan deviation: that of the data, and of a dataset's own model."""
-    n, dt = subject.samples, 1 / subject.rate_hz
+    """The figure of the gyros' Allan deviation: that of the data, each recording's longest rest,
+    and of a dataset's own model."""
+    resting = [longest_rest(record).gyro for record in subject.records()]
+    n, dt = min(map(len, resting)), 1 / subject.rate_hz
     taus = octave_taus(n, dt)
-    measured = overlapping_deviation((r.gyro[:n] for r in subject.records()), dt, taus)
+    measured = overlapping_deviation((gyro[:n] for gyro in resting), dt, taus)
     model = None
     if subject.configuration is not None:
         gyro = build(ImuConfig, subject.configuration["imu"]).gyro.triad()

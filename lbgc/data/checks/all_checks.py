@@ -4,8 +4,11 @@ it."""
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from lbgc.data.checks.felt import felt_finding, is_felt, late_note
 from lbgc.data.checks.findings import CHECKS, Finding
-from lbgc.data.checks.moved import moved_finding
+from lbgc.data.checks.moved import PLATE, TURNED, moved_finding
 from lbgc.data.checks.plausible import force_finding, rate_finding, resting
 from lbgc.data.checks.printed import channels, counts_finding, held_finding, rail_finding
 from lbgc.data.checks.references import FEWEST, agree, turning_finding
@@ -17,8 +20,17 @@ from lbgc.data.checks.triads import (
     mirrored_finding,
     motions,
 )
+from lbgc.data.checks.turns import (
+    bias_note,
+    is_told,
+    level_finding,
+    sense_finding,
+    size_finding,
+    turning,
+)
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
+from lbgc.data.rests import rests
 from lbgc.sensor.imu import ImuModel
 
 
@@ -33,7 +45,7 @@ def checked(
     """
     findings = _findings(record, config, imu, north)
     notes = [found.settled(config.accept) for found in findings]
-    return replace(record, notes=(*record.notes, *notes))
+    return replace(record, notes=(*record.notes, *notes, *_turned_notes(record, config, imu)))
 
 
 def _findings(
@@ -41,17 +53,20 @@ def _findings(
 ) -> Iterator[Finding]:
     """The findings of all checks, in an order in which the first refusal names the cause: values,
     units, frames, geometry."""
-    every = channels(record, config, imu)
-    values = (
-        stuck_finding(record, every),
-        outliers_finding(record, every),
-        rail_finding(record.name, every),
-        pasted_finding(record),
-        counts_finding(every),
-        held_finding(record),
-        moved_finding(record, north),
-    )
-    yield from (found for found in values if found is not None)
+    if np.ptp(record.plate_angle) > PLATE:
+        yield from _turned_findings(record, config, imu, north)
+        return
+    yield from _value_findings(record, config, imu)
+    moved = moved_finding(record, north)
+    if moved is not None:
+        yield moved
+    yield from _resting_findings(record, config, imu, north)
+
+
+def _resting_findings(
+    record: Record, config: LogConfig, imu: ImuModel | None, north: bool
+) -> Iterator[Finding]:
+    """The findings on units, frames and biases by the means of a recording at rest."""
     rest = resting(record, config, imu)
     force = force_finding(rest, config, record.rate_hz)
     if force is not None:
@@ -67,6 +82,83 @@ def _findings(
         mirrored = mirrored_finding(frames, config)
         if mirrored is not None:
             yield mirrored
+
+
+def _value_findings(record: Record, config: LogConfig, imu: ImuModel | None) -> Iterator[Finding]:
+    """The findings on the values of a recording, or of one rest of it."""
+    every = channels(record, config, imu)
+    values = (
+        stuck_finding(record, every),
+        outliers_finding(record, every),
+        rail_finding(record.name, every),
+        pasted_finding(record),
+        counts_finding(every),
+        held_finding(record),
+    )
+    yield from (found for found in values if found is not None)
+
+
+def _turned_findings(
+    record: Record, config: LogConfig, imu: ImuModel | None, north: bool
+) -> Iterator[Finding]:
+    """The findings on a recording whose plate turns: on the values at each rest, one of each check,
+    and on units and frames by what of the means turns with the plate. A bias, which does not turn,
+    is no fault there."""
+    found = rests(record)
+    parts = [rest.of(record) for rest in found] or [record]
+    each = (finding for part in parts for finding in _value_findings(part, config, imu))
+    first: dict[str, Finding] = {}
+    for one in each:
+        if one.check not in first or (one.refuses and not first[one.check].refuses):
+            first[one.check] = one
+    yield from first.values()
+    moved = (moved_finding(part, north, TURNED) for part in parts)
+    resting_part = resting(parts[0], config, imu)
+    felt = felt_finding(record, found, config, resting_part.limit)
+    yield from (one for one in (felt, next(filter(None, moved), None)) if one is not None)
+    own = turning(record, found, imu)
+    if own is None:
+        yield from _resting_findings(parts[0], config, imu, north)
+        return
+    rest = own.resting(resting_part)
+    sense = sense_finding(own, config)
+    fallen = None if sense else level_finding(own)
+    force = None if fallen else force_finding(rest, config, record.rate_hz)
+    if fallen is not None:
+        yield fallen
+    if force is not None:
+        yield force
+        return
+    frames = Frames(rest, motions(parts[0]) if found else [])
+    # The sense of a felt turn, or of Earth's rate in a right-handed frame, tells the gyros' signs
+    # better than their vertical rate does, in which a bias may hide.
+    told = is_told(own)
+    crossed = None
+    if not is_felt(record, found, config):
+        crossed = frames_finding(frames, config, north and not told)
+    size = (
+        None
+        if sense or (crossed and crossed.refuses)
+        else size_finding(own, config, record.rate_hz)
+    )
+    geometry = geometry_finding(frames, config, north)
+    for finding in (sense, crossed, size, geometry):
+        if finding is not None:
+            yield finding
+    mirrored = mirrored_finding(frames, config)
+    if crossed is None and sense is None and mirrored is not None and not told:
+        yield mirrored
+
+
+def _turned_notes(record: Record, config: LogConfig, imu: ImuModel | None) -> tuple[str, ...]:
+    """The notes on a recording whose plate turns, or none: its bias, and whether its angles are
+    late."""
+    if not np.ptp(record.plate_angle) > PLATE:
+        return ()
+    found = rests(record)
+    own, late = turning(record, found, imu), late_note(record, found, config)
+    notes = [] if own is None else [bias_note(own)]
+    return (*notes, *([] if late is None else [late]))
 
 
 def together(records: Sequence[Record], config: LogConfig, north: bool = True) -> list[Record]:

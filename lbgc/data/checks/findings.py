@@ -14,6 +14,7 @@ CHECKS = (
     "counts",
     "held",
     "moved",
+    "turned",
     "force",
     "unit",
     "bias",

@@ -18,17 +18,25 @@ _SPREADS = 8.0
 """The least size of a turn, in standard deviations of the angles that the log turns otherwise."""
 _EDGE = 0.02
 """Share of a turn that is left out at its start and at its end when these are timed."""
-_PLATE = 0.01 * DEG
+PLATE = 0.01 * DEG
 """Angle of the encoder, rad, from which on the plate is known to turn."""
 
 
-def moved_finding(record: Record, north: bool) -> Finding | None:
+UNTURNED = (
+    "a log without an encoder's angle is taken for resting; cut it there, each part a log of its "
+    "own, or state its positions (log.positions)"
+)
+TURNED = "the plate's angle says that it rests there"
+"""Why a turn is a fault: in a log without angles, and in one that has them."""
+
+
+def moved_finding(record: Record, north: bool, why: str = UNTURNED) -> Finding | None:
     """The finding that the recording was turned by more than 3 degrees at more than 0.5 deg/s, far
     more than it turns otherwise. None where it was not, or where the encoder shows that the plate
-    turns."""
+    turns. why : the reason for which this is a fault."""
     size = max(1, round(_BLOCK_S * record.rate_hz))
     n = len(record.gyro) // size
-    if n < 8 or np.ptp(record.plate_angle) > _PLATE:
+    if n < 8 or np.ptp(record.plate_angle) > PLATE:
         return None
     means = record.gyro[: n * size].reshape(n, size, 3).mean(axis=1, dtype=float)
     off = means - np.median(means, axis=0)
@@ -57,7 +65,6 @@ def moved_finding(record: Record, north: bool) -> Finding | None:
         f"{record.name}: turned",
         round(worst / DEG, 1),
         "deg",
-        f"about its {AXES[along]} axis between {first * step:g} and {last * step:g} s: a log "
-        "without an encoder's angle is taken for resting; cut it there, each part a log of its own",
+        f"about its {AXES[along]} axis between {first * step:g} and {last * step:g} s: {why}",
         refuses=north,
     )

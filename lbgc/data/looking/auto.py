@@ -30,6 +30,8 @@ class AnyLog(LogConfig):
             return mapping
         said = {key: value for key, value in mapping.items() if value is not None}
         given = said.pop("path", "")
+        several = "are one recording's positions, which log=csv reads (log.angles_deg)"
+        require(said.get("angles_deg") is None, "path", given, several)
         path = str(given[0] if isinstance(given, list) and given else given)
         require(bool(path), "path", path, "must name a file")
         del said["reader"]

@@ -11,6 +11,8 @@ from lbgc.data.readers.column_names import Described, described, seconds_and_nan
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.errors import InputError, require
 
+_SENSORS = ("log.columns", "log.gyro_columns", "log.accel_columns", "columns")
+"""Keys of the sensors' columns."""
 NONE = "none"
 """The value of `time_column` with which no time column is used."""
 
@@ -79,7 +81,8 @@ def _position(sheet: Sheet, key: str, name: object) -> int:
         about = f"must be from 1 to {sheet.width}, the columns of {sheet.file}"
         require(1 <= at <= sheet.width, key, name, about)
         return at - 1
-    raise InputError(key, shown(name), "", f"is no column of {sheet.file}; {_has(sheet)}")
+    has = _has(sheet, key in _SENSORS)
+    raise InputError(key, shown(name), "", f"is no column of {sheet.file}; {has}")
 
 
 def _bare(name: str) -> str:
@@ -94,13 +97,16 @@ def _is_position(name: object) -> bool:
     return isinstance(name, int) or (isinstance(name, str) and name.isdigit())
 
 
-def _has(sheet: Sheet) -> str:
-    """The clause of a message that lists the columns of a sheet."""
+def _has(sheet: Sheet, sensors: bool = True) -> str:
+    """The clause of a message that lists the columns of a sheet. sensors : whether it is about the
+    six of the sensors, so that it says how they are given."""
     if not sheet.has_header:
-        return f"it has no header, and {sheet.width} columns: {_by_position(sheet)}"
+        how = _by_position(sheet) if sensors else "give its position, counted from 1"
+        return f"it has no header, and {sheet.width} columns: {how}"
     names = [shown(name) if name else "(unnamed)" for name in sheet.names[:40]]
     more = f" and {sheet.width - 40} more" if sheet.width > 40 else ""
-    return f"it has {', '.join(names)}{more}: give log.columns, six of them: gyro, accelerometer"
+    how = ": give log.columns, six of them: gyro, accelerometer" if sensors else ""
+    return f"it has {', '.join(names)}{more}{how}"
 
 
 def _by_position(sheet: Sheet) -> str:

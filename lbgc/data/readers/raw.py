@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from lbgc import outputs
-from lbgc.data.logconfig import LogConfig
+from lbgc.data.logconfig import PLATE_UNITS, LogConfig
 from lbgc.data.readers.clock import Said
+from lbgc.data.readers.column_names import described, unit
 from lbgc.data.readers.picked import Picked, named, picked
 from lbgc.data.readers.sheets import Sheet, require_size, sheet, shown
 from lbgc.data.readers.timing import stamps_of
@@ -52,6 +53,10 @@ class Raw:
     """The value of g that this file's units use, m/s^2; None where it states none."""
     notes: tuple[str, ...] = ()
     """What was noticed while reading, plain sentences"""
+    plate: np.ndarray | None = None
+    """(T,), the plate's angle as its column prints it, in `config.plate_unit`"""
+    heading: np.ndarray | None = None
+    """(T,), the reference heading of the forward axis as its column prints it, degrees"""
 
 
 def find(path: str) -> Path:
@@ -74,7 +79,7 @@ def find(path: str) -> Path:
     )
 
 
-def only_file(path: Path, named: str | Path | list[str]) -> Path:
+def only_file(path: Path, named: object) -> Path:
     """The path, if it is that of a plain file. Raises InputError otherwise, since a device or a
     pipe may have no end. named : the path as the message shows it."""
     require(path.is_file(), "log.path", named, "is no file")
@@ -106,9 +111,13 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
 def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
     """The recording in a sheet of named columns."""
     which = picked(own, config)
-    warmth = [] if config.temperature_column is None else [config.temperature_column]
-    places = named(own, "log.temperature_column", warmth)
-    values, notes = own.columns([*which.gyro, *which.accel, *which.time, *places])
+    beside = {
+        key: named(own, f"log.{key}", [getattr(config, key)])[0]
+        for key in ("plate_column", "heading_column", "temperature_column")
+        if getattr(config, key) is not None
+    }
+    wanted = [*which.gyro, *which.accel, *which.time, *beside.values()]
+    values, notes = own.columns(wanted)
     key = "log.columns" if config.columns is not None else None
     six = [
         _numbers(own, key or f"log.{kind}_columns", at, column)
@@ -116,18 +125,26 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
             ["gyro"] * 3 + ["accel"] * 3, [*which.gyro, *which.accel], values[:6], strict=True
         )
     ]
+    angles = {
+        own_key: _numbers(own, f"log.{own_key}", at, values[wanted.index(at)])
+        for own_key, at in beside.items()
+    }
+    warmth = angles.pop("temperature_column", None)  # which may lack some values
+    for own_key, column in angles.items():
+        require_finite(name, column[:, None], [own_key.removesuffix("_column")])
     config = _with_units(which, config, name)
+    if "plate_column" in beside:
+        config = _with_plate_unit(own, beside["plate_column"], config, name)
     if not which.time and config.rate_hz is None and own.rate_hz is not None:
         notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
         config = replace(config, rate_hz=own.rate_hz)
     gyro, accel = np.stack(six[:3], axis=1), np.stack(six[3:], axis=1)
-    temperature = None
-    if places:
-        temperature = temperatures(_numbers(own, "log.temperature_column", places[0], values.pop()))
-    raw = Raw(name, gyro, accel, config, temperature=temperature, notes=tuple(notes))
+    plate, heading = angles.get("plate_column"), angles.get("heading_column")
+    raw = Raw(name, gyro, accel, config, notes=tuple(notes), plate=plate, heading=heading,
+              temperature=None if warmth is None else temperatures(warmth))  # fmt: skip
     if not which.time:
         return raw
-    times = values[6:]
+    times = values[6 : 6 + len(which.time)]
     try:
         stamps = stamps_of(which.time_name, times)
     except InputError as error:
@@ -182,6 +199,20 @@ def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
                 "by them, log.columns=[...] by position takes no notice of them"
             )  # fmt: skip
     return replace(config, gyro_unit=units["gyro_unit"], accel_unit=units["accel_unit"])
+
+
+def _with_plate_unit(own: Sheet, at: int, config: LogConfig, name: str) -> LogConfig:
+    """The configuration with the unit of the plate's angle that its column's name states, where it
+    says auto. Raises InputError where the two contradict each other."""
+    units = own.units[at] if at < len(own.units) else ""
+    says = described(own.names[at], units).unit or unit(own.names[at].rsplit("_", 1)[-1])
+    says = says if says in PLATE_UNITS else None
+    if config.plate_unit == "auto":
+        return replace(config, plate_unit=says or "deg")
+    agrees = says in (None, config.plate_unit) or config.plate_scale not in (1.0, -1.0)
+    about = f"but {name}'s column says {says}: log.plate_unit=auto goes by it"
+    require(agrees, "log.plate_unit", config.plate_unit, about)
+    return config
 
 
 def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:

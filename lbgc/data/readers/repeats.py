@@ -30,6 +30,8 @@ def without_printed_twice(raw: Raw) -> Raw:
     warmth = None if raw.temperature is None else raw.temperature[kept]
     return replace(
         raw, gyro=raw.gyro[kept], accel=raw.accel[kept], stamps=raw.stamps[kept],
+        plate=None if raw.plate is None else raw.plate[kept],
+        heading=None if raw.heading is None else raw.heading[kept],
         temperature=warmth, notes=(*raw.notes, note),
     )  # fmt: skip
 

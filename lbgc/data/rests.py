@@ -1,0 +1,91 @@
+"""The stretches of a recording in which its plate rests."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lbgc.data.record import Record
+from lbgc.units import DEG
+
+_BLOCK_S = 0.5
+"""Length of the blocks whose mean angles are compared, s."""
+_STILL = 0.01 * DEG
+"""Travel from block to block, rad, below which a plate may rest: more than an encoder's noise, and
+less than any plate turns that shows a bias."""
+_STAYS = 0.1 * DEG
+"""Travel within a stretch, rad, above which it is a slow turn."""
+_LEAST_S = 2.0
+"""The shortest rest, s."""
+_EXACT = 0.5
+"""The share of a rest's readings that are equal where the encoder does not flicker."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A stretch in which the plate rests."""
+
+    samples: slice
+    """The stretch's samples"""
+    angle: float
+    """rad, the plate's angle there"""
+
+    def of(self, record: Record) -> Record:
+        """The recording of this rest alone, as a resting recording."""
+        return replace(
+            record,
+            name=f"{record.name} at {self.angle / DEG:.4g} deg",
+            gyro=record.gyro[self.samples],
+            accel=record.accel[self.samples],
+            plate_angle=np.zeros(self.samples.stop - self.samples.start),
+        )
+
+
+def rests(record: Record) -> list[Rest]:
+    """The rests of a recording, in order of time. Half a second next to a slew is left out, in
+    which the plate may not rest quite."""
+    size = max(1, round(_BLOCK_S * record.rate_hz))
+    n = len(record.gyro) // size
+    if n < 2:
+        return []
+    angle = record.plate_angle[: n * size].reshape(n, size).mean(axis=1)
+    recorded = np.isfinite(record.gyro[: n * size, 0]).reshape(n, size).all(axis=1)
+    still = (np.abs(np.diff(angle)) < _STILL) & recorded[1:] & recorded[:-1]
+    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
+    found = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):  # of blocks, both included
+        begin, end = first + (first > 0), last - (last < n - 1)
+        if (end + 1 - begin) * size < _LEAST_S * record.rate_hz:
+            continue
+        if np.ptp(angle[begin : end + 1]) > _STAYS:
+            continue
+        samples = slice(int(begin * size), int((end + 1) * size))
+        if end == n - 1 and np.isfinite(record.gyro[n * size :, 0]).all():
+            samples = slice(samples.start, len(record.gyro))
+        found.append(Rest(samples, float(np.median(record.plate_angle[samples]))))
+    return found
+
+
+def longest_rest(record: Record) -> Record:
+    """The recording of its longest rest alone; all of it where the plate never rests."""
+    found = rests(record)
+    if not found:
+        return record
+    return max(found, key=lambda rest: rest.samples.stop - rest.samples.start).of(record)
+
+
+def without_flicker(record: Record) -> Record:
+    """The recording with the median of the encoder's readings in each rest in which they flicker,
+    and a note of that: estimators tell a rest by an angle that stays."""
+    angle, most = record.plate_angle.copy(), 0.0
+    for rest in rests(record):
+        own = angle[rest.samples]
+        if np.mean(own == rest.angle) < _EXACT:
+            most = max(most, float(own.std()))
+            angle[rest.samples] = rest.angle
+    if most == 0.0:
+        return record
+    note = (
+        f"plate: the angle of {record.name} flickers at rest, by {most / DEG:.2g} deg (1 sigma): "
+        "the median of each rest was taken"
+    )
+    return replace(record, plate_angle=angle, notes=(*record.notes, note))
