@@ -215,7 +215,7 @@ def test_of_several_topics_one_is_asked_for_by_name(tmp_path):
 
 
 def test_of_several_kinds_of_messages_and_sensors_one_is_asked_for(tmp_path):
-    installed("pyulog", "pymavlink")
+    installed("pyulog")
     both = {"sensor_combined": written.COMBINED, "vehicle_imu.1": written.VEHICLE}
     (tmp_path / "a.ulg").write_bytes(written.ulog(both, rows(COUNT)))
     assert "sensor_combined (250 rows" in refused("ulog combined", tmp_path / "a.ulg")
@@ -270,10 +270,10 @@ def test_a_message_of_another_name_with_the_same_fields_is_an_imus(tmp_path):
     np.testing.assert_array_equal(record.gyro, MOCK.gyro[:COUNT])
 
 
-@pytest.mark.parametrize("package", ["h5py", "rosbags", "pyulog", "pymavlink", "rdata"])
+@pytest.mark.parametrize("package", ["h5py", "rosbags", "pyulog", "rdata"])
 def test_a_package_that_is_missing_is_named(package, tmp_path, monkeypatch):
     heads = {"h5py": b"\x89HDF\r\n\x1a\n", "rosbags": b"#ROSBAG V2.0\n", "rdata": b"RDX3\n",
-             "pyulog": b"ULog\x01\x12\x35", "pymavlink": b"\xa3\x95\x80"}  # fmt: skip
+             "pyulog": b"ULog\x01\x12\x35"}  # fmt: skip
     monkeypatch.setitem(__import__("sys").modules, package, None)
     (tmp_path / "a.bin").write_bytes(heads[package].ljust(1000, b"\0"))
     said = refused("npy", tmp_path / "a.bin")
@@ -332,3 +332,31 @@ def test_nothing_is_imported_from_where_one_happens_to_be(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     (record,) = read(config("feather", made("feather", tmp_path)))
     assert len(record.gyro) == COUNT
+
+
+def test_damage_within_a_dataflash_log_is_passed_over_and_said(tmp_path):
+    path = made("dataflash", tmp_path)
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"\xa3\x95\x81", 0, len(content) // 2)
+    content[at : at + 20] = bytes(20)
+    path.write_bytes(content)
+    (record,) = read(config("dataflash", path, gaps="join"))
+    assert len(record.gyro) == COUNT - 1
+    assert "damage: 36 bytes of a.bin are no messages and were passed over" in record.notes
+
+
+def test_a_dataflash_log_that_describes_a_message_in_two_ways_is_refused(tmp_path):
+    path = made("dataflash", tmp_path)
+    content = path.read_bytes()
+    first = content.index(b"IMU\0QBffffff") - 5
+    other = content[first : first + 89].replace(b"AccX,AccY", b"AccY,AccX")
+    path.write_bytes(content + other)
+    assert "in two ways" in refused("dataflash", path)
+
+
+def test_the_last_line_of_a_text_log_that_has_no_end_is_left_out(tmp_path):
+    path = made("dataflash text", tmp_path)
+    path.write_bytes(path.read_bytes()[:-3])
+    (record,) = read(config("dataflash text", path))
+    assert len(record.gyro) == COUNT - 1
+    assert any(note.startswith("last line: number 252 of a.log") for note in record.notes)

@@ -293,9 +293,9 @@ EVERY: dict[str, Written] = {
     "ulog vehicle_imu": Written(_ulog(vehicle_imu=VEHICLE), "a.ulg", {}, "pyulog", True),
     "ulog two sensors": Written(_ulog(sensor_gyro=GYRO, sensor_accel=ACCEL), "a.ulg", {}, "pyulog",
                                 True),
-    "dataflash": Written(lambda p, t: p.write_bytes(dataflash(t)) and None, "a.bin", {},
-                         "pymavlink", True),
-    "dataflash text": Written(_dataflash_text, "a.log", {}, "pymavlink"),
+    "dataflash": Written(lambda p, t: p.write_bytes(dataflash(t)) and None, "a.bin",
+                         single=True),
+    "dataflash text": Written(_dataflash_text, "a.log"),
     "r": Written(_workspace, "a.rda", {}, "rdata"),
     "rows": Written(_raw, "a.bin", {"dtype": ROW, "skip_bytes": 4}),
 }  # fmt: skip

@@ -6,16 +6,12 @@ from typing import Any
 
 from lbgc.errors import InputError
 
-PACKAGES = {"h5py": "h5py", "rosbags": "rosbags", "pyulog": "pyulog", "pymavlink": "pymavlink",
-            "rdata": "rdata"}  # fmt: skip
-"""The packages of the extra, by the module that is imported."""
-
 
 def require_installed(module: str) -> None:
     """Raise InputError unless a module of the extra is there."""
     if importlib.util.find_spec(module) is None:
-        about = f"is not installed: python -m pip install 'lbgc[logs]' (or {PACKAGES[module]}) "
-        raise InputError("package", PACKAGES[module], "", about + "brings it")
+        about = f"is not installed: python -m pip install 'lbgc[logs]' (or {module}) "
+        raise InputError("package", module, "", about + "brings it")
 
 
 def needed(module: str) -> Any:

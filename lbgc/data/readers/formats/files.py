@@ -43,7 +43,7 @@ class Format:
 _TEXT, _PARQUET_FILE, _COMPRESSED = Format("text"), Format("parquet"), Format("compressed")
 _NPY, _NPZ, _MATLAB, _ARROW_FILE = (Format(own) for own in ("npy", "npz", "matlab", "feather"))
 _HDF5, _BAG = Format("hdf5", "h5py"), Format("bags", "rosbags")
-_ULOG, _DATAFLASH = Format("ulog", "pyulog"), Format("dataflash", "pymavlink")
+_ULOG, _DATAFLASH = Format("ulog", "pyulog"), Format("dataflash")
 _R = Format("r_data", "rdata")
 _IN_HERE = (_TEXT, _PARQUET_FILE, _COMPRESSED, _NPY, _NPZ)
 

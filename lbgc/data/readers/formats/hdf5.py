@@ -15,15 +15,13 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 PLACES = (0, *(512 << at for at in range(12)))
 """Where the format's mark may stand, bytes from the start; what is before it is the user's."""
 _DEEPEST, _MOST = 12, 10_000
-_CACHE = 2**26
-"""Bytes of chunks that the library keeps unfolded."""
 
 
 def read(path: Path) -> list[Table]:
     """The tables of an HDF5 file. Raises ValueError where it refers to other files, or holds no
     table; InputError where h5py is missing."""
     h5py = needed("h5py")
-    file = h5py.File(path, "r", rdcc_nbytes=_CACHE)
+    file = h5py.File(path, "r")
     variables = []
     for count, (name, dataset) in enumerate(_datasets(h5py, file, "", _DEEPEST)):
         if count >= _MOST:
