@@ -90,9 +90,9 @@ beside = $(COMPILE) $(addprefix --extra ,$(2)) $(addprefix --excludes ,$(3)) --o
 lock: $(UV)
 	rm -f requirements.lock requirements-cuda.lock requirements-bench.lock
 	printf '%s\n' $(CUDA) > $(UV)/cuda.txt
-	$(COMPILE) --extra dev --extra onnx --excludes $(UV)/cuda.txt --output-file requirements.lock
+	$(COMPILE) --extra dev --extra logs --extra onnx --excludes $(UV)/cuda.txt --output-file requirements.lock
 	sed -i 's/^torch==$(word 1,$(TORCH_CPU)) .*/&\n    $(word 2,$(TORCH_CPU)) \\/' requirements.lock
-	$(call beside,requirements-cuda.lock,dev onnx)
+	$(call beside,requirements-cuda.lock,dev logs onnx)
 	$(call beside,requirements-bench.lock,bench dask,$(UV)/cuda.txt)
 
 # With PyTorch's CPU build, as far as pip is offered it.

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import google_crc32c
 import numpy as np
@@ -21,6 +22,7 @@ import pyarrow.parquet
 from helpers import composed, labelled
 from omegaconf import OmegaConf
 from safetensors.torch import save
+from written import EVERY, is_installed, rows
 
 from lbgc import user_yaml
 from lbgc.calibrate import COLUMNS
@@ -189,6 +191,44 @@ def _log(reader: str, path: str, **changes: object) -> Reader:
         return list(logs.read(LogConfig(path=str(where), reader=reader, **said)))  # type: ignore[arg-type]
 
     return Reader(files, read, _possible_records, closed=reader == "recordings")
+
+
+def _format(kind: str, home: Path) -> Reader:
+    """A file of a binary format, or the files of a bag's directory."""
+    own = EVERY[kind]
+    path = home / kind.replace(" ", "_") / own.name
+    path.parent.mkdir()
+    own.write(path, rows(40))
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    content = {str(file.relative_to(path.parent)): file.read_bytes() for file in files}
+    units = {} if kind.startswith(("ros", "ulog", "dataflash")) else {"gyro_unit": "rad/s"}
+    said: dict[str, Any] = {"gyro_unit": "auto", "accel_unit": "auto", "latitude": 32.76,
+                            "bias_limit_deg_per_h": 5.0} | units | dict(own.said)  # fmt: skip
+
+    def read(home: Path) -> object:
+        return list(logs.read(LogConfig(path=str(home / own.name), **said)))
+
+    return Reader(content, read, _possible_records, closed=path.is_dir())
+
+
+FORMATS = (
+    "text gz",
+    "text xz",
+    "text zip",
+    "feather",
+    "npy",
+    "npz",
+    "matlab 7",
+    "hdf5",
+    "ros 1",
+    "ros 2",
+    "ros 2 mcap",
+    "ulog combined",
+    "dataflash",
+    "dataflash text",
+    "r",
+    "rows",
+)
 
 
 def _possible_records(records: object) -> bool:
@@ -453,6 +493,7 @@ def readers(home: Path) -> dict[str, Reader]:
         "parquet": _log("table", "log.parquet", time_column="t", compression="zstd"),
         "parquet snappy": _log("table", "log.parquet", time_column="t", compression="snappy"),
         "psins": _log("psins", "log.imu"),
+        **{kind: _format(kind, home) for kind in FORMATS if is_installed(kind)},
         "imu yaml": _yaml("imu", "stim300", ImuConfig),
         "log yaml": _yaml("log", "csv", LogConfig),
         "checkpoint": _checkpoint(home),

@@ -34,6 +34,7 @@ name of a licence, or not all of it, it was read in their files (marked *). It i
 READ = {
     "AllanTools": "LGPL-3.0-or-later",
     "antlr4-python3-runtime": "BSD-3-Clause",
+    "apsw": "Zlib, or any licence that the OSI approves",
     "docutils": "public domain, parts BSD-2-Clause and BSD-3-Clause; its GPL file is not installed",
 }
 """What was read in the files of packages, or at their makers', whose metadata do not say it."""

@@ -81,7 +81,7 @@ RENDERING = "sim/render.py"  # what `python sim/scene.py` runs; draws with lbgc.
 ROOMS = {
     "zarr": {"lbgc/data/store.py", "lbgc/data/documents.py", "lbgc/data/codec.py"},
     "fsspec": {"lbgc/data/place.py"},
-    "pyarrow": {"lbgc/data/readers/tables.py"},
+    "pyarrow": {"lbgc/data/readers/tables.py", "lbgc/data/readers/formats/feather.py"},
     "mujoco": {"sim/turntable.py", "sim/physics.py", "sim/render.py", "sim/opengl.py"},
     "matplotlib": {"lbgc/report/figures.py", "lbgc/report/page.py", "lbgc/report/allan_page.py",
                    "lbgc/report/look_page.py"},
@@ -177,6 +177,7 @@ def test_inner_rooms_are_entered_from_one_side():
     for room, inner in (
         ("lbgc/sensor", "lbgc.sensor.fitting"),
         ("lbgc/data/readers", "lbgc.data.checks"),
+        ("lbgc/data/readers/formats", "lbgc.data.checks"),
     ):
         for file in (ROOT / room).glob("*.py"):
             assert not any(name.startswith(f"{inner}.") for name in imports(file)), file

@@ -1,5 +1,6 @@
 """The configuration of a log: where its file is, how that is laid out, its units and axes."""
 
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,6 +30,8 @@ _LONGEST_GAP_S = 86400.0
 """Time between two files of one recording, s, at most."""
 DEFAULT_GYRO, DEFAULT_ACCEL = ("w_x", "w_y", "w_z"), ("f_x", "f_y", "f_z")
 """Columns' names where the user gives none: those of the published layout."""
+_ROW_TYPES = ("f4", "f8", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)))
+_PASSED_OVER = re.compile(r"V[1-9]\d{0,4}")
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,22 @@ class LogConfig:
     name: str = "log"
     """The log's name in reports."""
     reader: str = "table"
-    """table: CSV or Parquet with named columns. recordings: a directory of CSV files
+    """table: a file of columns: text, Parquet, Feather, NumPy, MATLAB, HDF5, R, a ROS bag, ULog, a
+    dataflash log, rows of numbers as `dtype` says. recordings: a directory of CSV files
     `x_<heading>.csv`, or one of them. psins: a PSINS .imu file, whose header says the rest."""
     path: str | list[str] = ""
     """The file; if it is not there, it is looked for under $LBGC_REAL_LOGS. Or several files of one
     sensor and one layout: the positions of one recording where `angles_deg` says where the plate
     stood in each, a recording each otherwise."""
+    table: str | None = None
+    """The table of a file that holds several: a topic, variable, group or kind of message. null:
+    the only one whose columns can be an IMU's."""
+    dtype: list[str] | None = None
+    """The fields of a row, where the file holds nothing but rows of numbers: each name:type in
+    order, [t:f8, w_x:f4, ...]. Types are f4, f8, or i and u of 1, 2, 4 or 8 bytes, little-endian,
+    or big-endian with > before; V8: eight bytes that are passed over."""
+    skip_bytes: int = 0
+    """Bytes before the first such row."""
     gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
     """The file's gyro columns, x, y and z. Where it has none of the default ones, names such as gx
     (deg/s), gyro_x or angular_velocity.x are found."""
@@ -141,8 +154,10 @@ class LogConfig:
         require_choice("gyro_unit", self.gyro_unit, ["auto", *GYRO_UNITS])
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
         _require_columns(self.columns, self.time_column)
-        if self.temperature_column is not None:
-            _require_place("temperature_column", self.temperature_column)
+        require(self.skip_bytes >= 0, "skip_bytes", self.skip_bytes, "must be 0 or more")
+        if self.dtype is not None:
+            row_type(self.dtype, "dtype")
+        _require_column("temperature_column", self.temperature_column)
         require_choice("time_unit", self.time_unit, ["auto", *TIME_UNITS])
         require_choice("gaps", self.gaps, GAPS)
         require_choice("repeats", self.repeats, REPEATS)
@@ -222,6 +237,24 @@ class LogConfig:
         if self.bias_limit_deg_per_h is not None:
             return "log.bias_limit_deg_per_h", self.bias_limit_deg_per_h
         return "log.most_bias_deg_per_h", self.most_bias_deg_per_h
+
+
+def row_type(fields: list[str], key: str = "log.dtype") -> np.dtype:
+    """The NumPy type of a row whose fields are name:type each. Raises InputError, naming `key`,
+    where they are not."""
+    found: list[tuple[str, str]] = []
+    for own in fields:
+        name, _, kind = own.rpartition(":")
+        order, bare = ("<", kind) if kind[:1] not in ("<", ">") else (kind[0], kind[1:])
+        good = bare in _ROW_TYPES or _PASSED_OVER.fullmatch(bare) is not None
+        about = "is no name:type, such as w_x:f4; the types are f4, f8, i or u with 1, 2, 4 or 8, "
+        about += "after > where they are big-endian, and V with bytes that are passed over"
+        require(bool(name.strip()) and good, key, own, about)
+        found.append((name.strip(), bare if bare[0] == "V" else order + bare))
+    names = [name for name, _ in found]
+    twice = len(set(names)) < len(names)
+    require(bool(names) and not twice, key, fields, "must be fields of different names")
+    return np.dtype(found)
 
 
 def _require_columns(columns: list[Any] | None, time: Any) -> None:

@@ -78,7 +78,8 @@ def _records(raw: Raw) -> Iterator[Record]:
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
     raw = without_printed_twice(raw)
     clock = clock_of(raw)
-    rows = np.hstack([raw.gyro, raw.accel])
+    rows = np.empty((len(raw.gyro), 6))  # row by row, whatever the file's order is
+    rows[:, :3], rows[:, 3:] = raw.gyro, raw.accel
     pieces = _within(clock, raw.config, raw.name)
     if raw.config.positions is not None:
         whole = pieces == [slice(0, len(rows))]

@@ -38,12 +38,15 @@ from forging import Forger, tried
 from fuzzing import EDITS, PLANTS, Bench, Reader, Step, exported, onnx_reader, readers
 from tqdm import tqdm
 
+from lbgc.data.readers.formats import child
 from lbgc.errors import InputError
 
 CASES = cases("fuzz")
 FORBIDDEN = ("subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork",
              "pty.", "socket.", "urllib.", "ftplib.", "smtplib.", "pickle.", "marshal.",
              "ctypes.")  # fmt: skip
+READING = (sys.executable, "-P", "-m", child.__name__)
+"""The process in which some formats are read."""
 ONNX = "example.onnx"
 
 
@@ -58,7 +61,8 @@ class Watch:
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         if self.home is None:
             return
-        if event == "import" or event.startswith(FORBIDDEN):
+        is_ours = event == "subprocess.Popen" and tuple(arguments[1][:4]) == READING
+        if event == "import" or (event.startswith(FORBIDDEN) and not is_ours):
             self.seen.append(f"{event} {arguments[:1]}")
         elif event == "open" and isinstance(arguments[0], str | bytes):
             path = os.path.abspath(os.fsdecode(arguments[0]))

@@ -17,9 +17,11 @@ from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
 from lbgc.data.readers import raw as readers
 from lbgc.data.readers.clock import TIME_UNITS
+from lbgc.data.readers.formats import files
+from lbgc.data.readers.formats.table import Collected
 from lbgc.data.readers.picked import picked
 from lbgc.data.readers.raw import Raw
-from lbgc.data.readers.sheets import Sheet, sheet
+from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
@@ -29,6 +31,8 @@ _USUAL_HZ = 100.0
 """The rate that is taken to go on with, where none is found, Hz."""
 _RATES, _SHORTEST_S, _USUAL = (1.0, 5000.0), 10.0, ("s", "ms", "us", "ns")
 """Rates, Hz, least duration and units of clocks as people have them."""
+_TO_OPEN = ("table", "dtype", "skip_bytes")
+"""Keys without which some files have no columns."""
 _SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
 
 
@@ -117,9 +121,9 @@ def looked(path: Path, said: Mapping[str, Any]) -> Look:
 
 def _special(path: Path) -> tuple[str, str] | None:
     """The reader of a file or directory that is no table, and what it is; None for a table."""
-    if path.is_dir():
-        files = outputs.listed(path, "*.csv")
-        return "recordings", f"a directory of {len(files)} CSV files, a recording each"
+    if path.is_dir() and not files.is_bag_directory(path):
+        every = outputs.listed(path, "*.csv")
+        return "recordings", f"a directory of {len(every)} CSV files, a recording each"
     if path.suffix.lower() == ".imu":
         return "psins", "a PSINS file, whose header has rate, latitude, heading and counts"
     return None
@@ -127,7 +131,20 @@ def _special(path: Path) -> tuple[str, str] | None:
 
 def _examined(path: Path, case: _Case) -> bool:
     """Find a table's keys; whether there are enough to read it."""
-    own = sheet(readers.only_file(path, path))
+    place = path if files.is_bag_directory(path) else readers.only_file(path, path)
+    kept = {key: case.said[key] for key in _TO_OPEN if key in case.said}
+    try:
+        with files.opened(place, LogConfig(path=str(path), **kept)) as own:
+            return _found(own, case)
+    except InputError as error:
+        if error.name != "log.table":
+            raise
+        case.ask(error, ("table",))
+        return False
+
+
+def _found(own: Sheet, case: _Case) -> bool:
+    """Find the keys of an opened table; whether there are enough to read it."""
     case.facts.append(_layout(own))
     found = columns.find(own)
     named = "columns" in case.said or {"gyro_columns", "accel_columns"} <= case.said.keys()
@@ -161,6 +178,9 @@ def _kept(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 def _layout(own: Sheet) -> str:
     """What kind of file it is, a plain sentence."""
+    if isinstance(own.source, Collected):
+        table = own.source.table
+        return f"table {shown(table.name)}, of {table.rows} rows and {own.width} columns"
     layout = getattr(own.source, "layout", None)
     if layout is None:
         return f"a Parquet file of {own.width} columns"

@@ -13,6 +13,7 @@ from lbgc import outputs
 from lbgc.data.logconfig import PLATE_UNITS, LogConfig
 from lbgc.data.readers.clock import Said
 from lbgc.data.readers.column_names import described, unit
+from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import Picked, named, picked
 from lbgc.data.readers.sheets import Sheet, require_size, sheet, shown
 from lbgc.data.readers.timing import stamps_of
@@ -87,16 +88,19 @@ def only_file(path: Path, named: object) -> Path:
 
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
-    """The reader `table`: the one recording of a CSV or Parquet file with named columns."""
-    yield of_sheet(sheet(only_file(path, config.path)), outputs.shown(path.stem), config)
+    """The reader `table`: the one recording in a file of columns, of any format that is read."""
+    place = path if files.is_bag_directory(path) else only_file(path, config.path)
+    with files.opened(place, config) as own:
+        raw = of_sheet(own, outputs.shown(path.stem), config)
+    yield raw
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `recordings`, for the published layout: one CSV file a recording, with the heading
     in whole degrees at the end of its name."""
-    files = outputs.listed(path, "*.csv") if path.is_dir() else [path]
-    require(bool(files), "log.path", path, "holds no CSV files")
-    for file in files:
+    every = outputs.listed(path, "*.csv") if path.is_dir() else [path]
+    require(bool(every), "log.path", path, "holds no CSV files")
+    for file in every:
         with reading("log.path", file):
             within = file == path or file.resolve().parent == path.resolve()
         require(within, "log.path", file, "is a link that leads out of the directory")
@@ -119,12 +123,8 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
     wanted = [*which.gyro, *which.accel, *which.time, *beside.values()]
     values, notes = own.columns(wanted)
     key = "log.columns" if config.columns is not None else None
-    six = [
-        _numbers(own, key or f"log.{kind}_columns", at, column)
-        for kind, at, column in zip(
-            ["gyro"] * 3 + ["accel"] * 3, [*which.gyro, *which.accel], values[:6], strict=True
-        )
-    ]
+    keys = [key or f"log.{kind}_columns" for kind in ["gyro"] * 3 + ["accel"] * 3]
+    places, times = [*which.gyro, *which.accel], values[6 : 6 + len(which.time)]
     angles = {
         own_key: _numbers(own, f"log.{own_key}", at, values[wanted.index(at)])
         for own_key, at in beside.items()
@@ -132,19 +132,22 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
     warmth = angles.pop("temperature_column", None)  # which may lack some values
     for own_key, column in angles.items():
         require_finite(name, column[:, None], [own_key.removesuffix("_column")])
+    del values[6:]
+    rows = np.empty((6, len(values[0]))).T
+    for at in range(6):  # each column is let go when it has been copied
+        rows[:, at] = _numbers(own, keys[at], places[at], values.pop(0))
     config = _with_units(which, config, name)
     if "plate_column" in beside:
         config = _with_plate_unit(own, beside["plate_column"], config, name)
     if not which.time and config.rate_hz is None and own.rate_hz is not None:
         notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
         config = replace(config, rate_hz=own.rate_hz)
-    gyro, accel = np.stack(six[:3], axis=1), np.stack(six[3:], axis=1)
     plate, heading = angles.get("plate_column"), angles.get("heading_column")
-    raw = Raw(name, gyro, accel, config, notes=tuple(notes), plate=plate, heading=heading,
+    raw = Raw(name, rows[:, :3], rows[:, 3:], config, notes=tuple(notes), plate=plate,
+              heading=heading,
               temperature=None if warmth is None else temperatures(warmth))  # fmt: skip
     if not which.time:
         return raw
-    times = values[6 : 6 + len(which.time)]
     try:
         stamps = stamps_of(which.time_name, times)
     except InputError as error:
@@ -175,7 +178,7 @@ def temperatures(values: np.ndarray) -> np.ndarray:
 def _numbers(own: Sheet, key: str, at: int, values: np.ndarray) -> np.ndarray:
     """A column's values as float64. Raises InputError where they are not numbers."""
     if values.dtype.kind in "fi":
-        return values.astype(np.float64)
+        return np.asarray(values, np.float64)
     held = "dates" if values.dtype.kind in "mM" else "string"
     name = shown(own.names[at]) or at + 1
     raise InputError(key, name, "", f"of {own.file} holds {held}, not numbers")

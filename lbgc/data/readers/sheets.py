@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -44,6 +44,16 @@ def shown(text: object) -> str:
     return outputs.shown(text, _SHOWN)
 
 
+class Source(Protocol):
+    """What columns are read from."""
+
+    def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
+        """Columns by position, as `Sheet.columns` gives them."""
+
+    def head(self, rows: int) -> "Source":
+        """The same of the first rows alone."""
+
+
 @dataclass(frozen=True)
 class Sheet:
     """The columns of a file, whose values are read when they are asked for."""
@@ -56,8 +66,10 @@ class Sheet:
     """The units in a row beneath the header; empty where there is none"""
     rate_hz: float | None
     """Sample rate that comments and preamble state, Hz"""
-    source: "tables.Table | _Text"
+    source: Source
     """The file's content"""
+    notes: tuple[str, ...] = ()
+    """What was found or assumed before any column was read, plain sentences"""
 
     @property
     def width(self) -> int:
@@ -71,17 +83,14 @@ class Sheet:
 
     def head(self) -> "Sheet":
         """The sheet with its first rows alone, some 100,000."""
-        if isinstance(self.source, _Text):
-            return replace(self, source=self.source.head())
-        return replace(self, source=tables.head(self.source, _HEAD_ROWS))
+        return replace(self, source=self.source.head(_HEAD_ROWS))
 
     def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
         """Read columns by position, each (T,): float64, int64 where they are whole numbers of more
         than nine digits (stamps), or datetime64; text where they are none of these. With notes of
         what was left out."""
-        if isinstance(self.source, _Text):
-            return self.source.columns(which)
-        return [tables.column(self.source, at) for at in which], []
+        values, notes = self.source.columns(which)
+        return values, [*self.notes, *notes]
 
 
 def sheet(path: Path, key: str = "log.path") -> Sheet:
@@ -89,10 +98,20 @@ def sheet(path: Path, key: str = "log.path") -> Sheet:
     that cannot be done."""
     if path.suffix.lower() in (".parquet", ".pq"):
         table = tables.read_parquet(path, key)
-        return Sheet(path.stem, tuple(map(str, table.column_names)), (), None, table)
+        return Sheet(path.stem, table.names, (), None, table)
+    return text_sheet(_content(path, key), path, key)
+
+
+def _content(path: Path, key: str) -> bytes:
+    """A text file's content, if it is not too large."""
     with reading(key, path):
         require_size(path, key)
-        content = path.read_bytes()
+        return path.read_bytes()
+
+
+def text_sheet(content: bytes, path: Path, key: str) -> Sheet:
+    """The sheet in a text file's content. Raises InputError, naming the file by `key`, where it is
+    no table."""
     text = _utf8(content, key, path)
     del content
     head = text[:_HEAD].decode("utf-8", "replace").split("\n")[: MOST_BEFORE + 1000]
@@ -146,9 +165,9 @@ class _Text:
     file: str
     """The file's name in messages"""
 
-    def head(self) -> "_Text":
+    def head(self, rows: int) -> "_Text":
         """Its first lines alone."""
-        most = _HEAD_ROWS * _HEAD_ROW
+        most = rows * _HEAD_ROW
         if len(self.content) <= most:
             return self
         return replace(self, content=self.content[: self.content.rindex(b"\n", 0, most) + 1])

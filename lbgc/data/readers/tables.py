@@ -1,8 +1,9 @@
 """Columns of numbers from Parquet files, and from text whose layout is known. Arrow is used in this
-file only."""
+file and in formats/feather.py only."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -11,8 +12,6 @@ import pyarrow.parquet
 
 from lbgc import machine
 from lbgc.errors import reading, require
-
-Table: TypeAlias = pa.Table
 
 LARGEST = 4 * 2**30
 """Size of the largest file that is read, bytes, and of the largest that one unfolds to."""
@@ -23,7 +22,32 @@ _LONGEST = 1000
 _KINDS = {"number": pa.float64(), "stamp": pa.int64()}
 
 
-def read_parquet(path: Path, key: str) -> Table:
+@dataclass(frozen=True)
+class Columns:
+    """The columns of a table that Arrow has read."""
+
+    table: pa.Table
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns' names."""
+        return tuple(map(str, self.table.column_names))
+
+    def head(self, rows: int) -> "Columns":
+        """Its first rows alone."""
+        return Columns(self.table.slice(0, rows))
+
+    def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
+        """Columns by position: float64, int64, datetime64 or timedelta64, or text where they hold
+        no numbers. Raises InputError where one cannot be converted."""
+        found = []
+        for at in which:
+            with reading("log.path", self.table.column_names[at]):
+                found.append(as_array(self.table.column(at)))
+        return found, []
+
+
+def read_parquet(path: Path, key: str) -> Columns:
     """Read a whole Parquet file. Raises InputError, naming it by `key`, where it cannot be read."""
     with reading(key, path), pa.OSFile(str(path)) as file:
         opened = pa.parquet.ParquetFile(file)
@@ -42,7 +66,7 @@ def read_parquet(path: Path, key: str) -> Table:
         if table.num_rows != told.num_rows:
             raise ValueError(f"holds {table.num_rows} rows, and says {told.num_rows}")
         _ = table.column_names  # names are decoded here, where a failure is reported
-        return table
+        return Columns(table)
 
 
 def _require_room(unfolded: int, path: Path, key: str) -> None:
@@ -80,24 +104,12 @@ def parsed(
                 decimal_point=decimal,
             ),
         )
-        return [_array(table[str(at)]) for at in kinds]
+        return [as_array(table[str(at)]) for at in kinds]
     except (pa.ArrowInvalid, OverflowError):
         return None
 
 
-def head(table: Table, rows: int) -> Table:
-    """A table's first rows."""
-    return table.slice(0, rows)
-
-
-def column(table: Table, at: int) -> np.ndarray:
-    """A column by its position: float64, int64, datetime64 or timedelta64, or text where it holds
-    no numbers."""
-    with reading("log.path", table.column_names[at]):
-        return _array(table.column(at))
-
-
-def _array(values: pa.ChunkedArray) -> np.ndarray:
+def as_array(values: pa.ChunkedArray) -> np.ndarray:
     """An Arrow column as a NumPy array; times of day become timedelta64."""
     kind = values.type
     if pa.types.is_timestamp(kind):

@@ -1,0 +1,183 @@
+"""A named table of a binary file, whose columns are read piece by piece when they are asked for."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lbgc import machine
+from lbgc.data.readers import tables
+from lbgc.data.readers.sheets import shown
+from lbgc.errors import InputError, reading, require
+
+Pieces = Iterator[list[np.ndarray]]
+"""Columns piece by piece: lists of arrays, one for each column, (rows of the piece,) each."""
+AT_ONCE = 2**18
+"""Rows in a piece."""
+LONGEST_TEXT = 1000
+"""Bytes of the longest text in a cell."""
+
+_LISTED = 20
+"""Tables that a message lists, at most."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a file: what its columns are called, and how they are read."""
+
+    name: str
+    """Its name in the file: a topic, a variable, a group or a kind of message"""
+    names: tuple[str, ...]
+    """The columns' names; empty texts where the file gives them none"""
+    units: tuple[str, ...]
+    """The columns' units, empty texts where nothing states one; or no entry at all"""
+    rows: int
+    """The number of rows"""
+    read: Callable[[Sequence[int]], Pieces]
+    """Columns by position, piece by piece"""
+    notes: tuple[str, ...] = ()
+    """What was found or assumed, plain sentences"""
+
+
+@dataclass(frozen=True)
+class Collected:
+    """The columns of a table put together from their pieces."""
+
+    table: Table
+    where: str
+    """The file in messages"""
+
+    def head(self, rows: int) -> "Collected":
+        """The first rows alone."""
+        read, most = self.table.read, min(rows, self.table.rows)
+
+        def first(which: Sequence[int]) -> Pieces:
+            left = most
+            for piece in read(which):
+                yield [own[:left] for own in piece]
+                left -= len(piece[0])
+                if left <= 0:
+                    return
+
+        return replace(self, table=replace(self.table, rows=most, read=first))
+
+    def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
+        """Columns by position, (rows,) each: float64, int64, datetime64 or text. Raises InputError
+        where they cannot be read, or are more than this machine has memory for."""
+        require_room(self.table.rows, len(which), self.where)
+        with reading("log.path", self.where):
+            return self._collected(which), []
+
+    def _collected(self, which: Sequence[int]) -> list[np.ndarray]:
+        """The columns. Raises ValueError where pieces have other rows than were announced."""
+        made: list[np.ndarray] = []
+        rows = at = 0
+        for piece in self.table.read(which):
+            values = [plain(own) for own in piece]
+            rows = len(values[0])
+            if any(len(own) != rows for own in values) or at + rows > self.table.rows:
+                raise ValueError("columns of different lengths")
+            if not made and rows == self.table.rows:
+                return values
+            made = made or [np.empty(self.table.rows, own.dtype) for own in values]
+            for whole, own in zip(made, values, strict=True):
+                whole[at : at + rows] = own
+            at += rows
+        if at != self.table.rows:
+            raise ValueError(f"holds {at} rows, and says {self.table.rows}")
+        return made
+
+
+def require_room(rows: int, columns: int, where: str) -> None:
+    """Raise InputError where columns take more memory than is read, or than this machine has."""
+    size, most = 8 * rows * columns, tables.LARGEST
+    require(size <= most, "log.path", where, f"unfolds to {size} bytes, and {most} are the most")
+    machine.require_memory("log.path", where, 2.0 * size, "the table that it unfolds to")
+
+
+def plain(values: np.ndarray) -> np.ndarray:
+    """Values as float64, int64, datetime64[ns] or text (objects that are str). Raises ValueError at
+    any other kind, and where whole numbers are 2^63 or more."""
+    kind = values.dtype.kind
+    if kind == "f":
+        return np.ascontiguousarray(values, np.float64)
+    if kind == "u" and values.dtype.itemsize == 8 and len(values) and values.max() >= 2**63:
+        raise ValueError("holds whole numbers of 2^63 or more")
+    if kind in "iub":
+        return np.ascontiguousarray(values, np.int64)
+    if kind == "M":
+        return values.astype("datetime64[ns]")
+    if kind in "SU" and values.dtype.itemsize <= 4 * LONGEST_TEXT:
+        texts = np.char.decode(values, "utf-8", "replace") if kind == "S" else values
+        return texts.astype(object)
+    if kind == "O" and all(isinstance(own, str) for own in values):
+        return values
+    raise ValueError(f"holds values of the kind {values.dtype.name}, which is no number")
+
+
+def is_column(dtype: np.dtype) -> bool:
+    """Whether `plain` takes values of this type: never objects, which would be built."""
+    return dtype.kind in "fiubM" or (dtype.kind in "SU" and 0 < dtype.itemsize <= LONGEST_TEXT)
+
+
+def named_columns(dtype: np.dtype) -> dict[str, int]:
+    """The fields of a structured type that are columns, each with the number of its values in a
+    row."""
+    found = {}
+    for name in dtype.names or ():
+        own = dtype[name]
+        width = own.shape[0] if len(own.shape) == 1 else 1 if own.shape == () else 0
+        if width and is_column(own.base):
+            found[name] = width
+    return found
+
+
+def in_memory(
+    name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], notes: tuple[str, ...]
+) -> Table:
+    """The table of columns that are in memory, by their names."""
+    values = list(columns.values())
+
+    def read(which: Sequence[int]) -> Pieces:
+        yield [values[at] for at in which]
+
+    return Table(name, tuple(columns), tuple(units[own] for own in columns), len(values[0]), read,
+                 notes)  # fmt: skip
+
+
+def chosen(found: Sequence[Table], said: str | None, fits: Callable[[Table], bool],
+           file: str) -> tuple[Table, tuple[str, ...]]:  # fmt: skip
+    """The table that holds the recording, and a note where one was taken of several.
+
+    said : the name that the user gave; fits : whether a table can be an IMU's; file : the file's
+    name in messages. Raises InputError, listing the tables, where none or several can be it.
+    """
+    names = [own.name for own in found]
+    if said is not None:
+        same = [own for own in found if own.name == said]
+        if len(same) == 1:
+            return same[0], ()
+        raise InputError("log.table", said, "", f"is no table of {file}; {_listed(found)}")
+    require(bool(found), "log.path", file, "holds no table of numbers")
+    if len(found) == 1:
+        return found[0], ()
+    able = [own for own in found if fits(own)]
+    if len(able) == 1:
+        others = [shown(name) for name in names if name != able[0].name]
+        some = ", ".join(others[:_LISTED]) + (" and others" if len(others) > _LISTED else "")
+        about = f"table: {shown(able[0].name)} of {shown(file)} was read; it also holds {some}"
+        return able[0], (about,)
+    if not able:
+        about = f"must be given: in {file} no table has columns named as an IMU's; {_listed(found)}"
+        raise InputError("log.table", None, "", about)
+    about = f"must be given: several tables of {file} can be an IMU's; {_listed(able)}"
+    raise InputError("log.table", None, "", about)
+
+
+def _listed(found: Sequence[Table]) -> str:
+    """The clause of a message that lists tables."""
+    some = [
+        f"{shown(own.name)} ({own.rows} rows, {len(own.names)} columns)" for own in found[:_LISTED]
+    ]
+    more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+    return f"choose from {', '.join(some)}{more}" if some else "it has none"
