@@ -95,6 +95,9 @@ class FitConfig:
         require_not_negative(self, "skip_s")
         require_positive("processes", self.processes)
         require_formats("export", self.export)
+        sampled = self.log is not None or self.data is not None or not self.export
+        about = "is for a log or a dataset, which has a rate: python lbgc/export_imu.py takes any "
+        require(sampled, "export", self.export, f"{about}sensor, and rate_hz")
         require(
             self.flicker_long_s > self.corners[0],
             "flicker_long_s",

@@ -335,7 +335,7 @@ def test_the_choices_in_words_are_those_there_are():
 
 
 def test_a_fit_is_exported_as_its_sensor_is(cli, tmp_path, monkeypatch):
-    monkeypatch.setattr(lbgc.fit, "draw", lambda *_: {})  # pictures take most of the time
+    monkeypatch.setattr(lbgc.fit.allan_page, "draw", lambda *_: {})  # most of the time
     generate(tmp_path / "d.zarr", recordings=1, rate_hz=10.0, duration_s=64.0, split=[0, 0, 1])
     done = cli("lbgc.fit", "data=d.zarr", "export=[kalibr,ros]", "processes=1")
     assert done.code == 0, done.err
@@ -349,6 +349,8 @@ def test_a_fit_is_exported_as_its_sensor_is(cli, tmp_path, monkeypatch):
             for f in fitted
         )
         assert "".join(line for line in lines if line not in fitted) == text
+    curve = cli("lbgc.fit", "curve.gyro=sheet.csv", "export=[ros]")
+    assert "export = ['ros']: is for a log or a dataset" in curve.err
     refused = cli("lbgc.fit", "data=d.zarr", "export=[csv]")
     assert (refused.code, "export = csv: choose from kalibr" in refused.err) == (2, True)
 

@@ -558,7 +558,6 @@ def test_a_reference_s_sigma_is_part_of_the_errors():
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"path": ["a.csv", "b.csv"]}, "angles_deg"),
         ({"path": ["a.csv", "b.csv"], "angles_deg": [0.0]}, "one for each file"),
         ({"path": ["a.csv", "a.csv"], "angles_deg": [0.0, 180.0]}, "twice"),
         ({"plate_column": "p", "positions": [[0.0, 1.0, 0.0]]}, "give one"),
