@@ -14,6 +14,7 @@ from lbgc.data.looking import columns, stretch
 from lbgc.data.looking.doctor import looked
 from lbgc.data.readers.sheets import sheet
 from lbgc.look import as_override
+from lbgc.report import look_text
 
 DEG_H = np.deg2rad(1) / 3600
 
@@ -88,6 +89,18 @@ def test_a_slow_drift_is_no_motion():
     values = drift + rng.normal(size=(60_000, 3))
     found = stretch.rest(values, values, 100.0)
     assert (found.first, found.last) == (0, 60_000)
+
+
+def test_a_long_recording_is_judged_by_its_means(tmp_path, monkeypatch):
+    look = looked(written(tmp_path / "log.csv", still(arw=0.1)), {"latitude": 48.1})
+    assert look.record is not None
+    whole = look_text.deviations(look.record)
+    monkeypatch.setattr(look_text, "_ROWS", 8000)
+    coarse = look_text.deviations(look.record)
+    assert coarse[0][0] == pytest.approx(0.04)
+    # white: means of four samples, which overlap less, have the same law at the same times
+    for fine, own in zip(whole[1:], coarse[1:], strict=True):
+        np.testing.assert_allclose(own[:, :6], fine[:, 2:8], rtol=0.05)
 
 
 def test_columns_without_names(tmp_path):

@@ -19,7 +19,7 @@ _WINDOW_S = 240.0
 _CANNOT_DEG = 60.0
 """Expected error, degrees, above which north is not found; by chance it is 104."""
 _ROWS = 3_600_000
-"""Samples by which Allan deviations are computed, at most."""
+"""Means of samples by which Allan deviations are computed, at most."""
 
 
 def report(look: Look) -> str:
@@ -39,11 +39,17 @@ def report(look: Look) -> str:
 
 
 def deviations(record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI."""
-    dt, count = 1 / record.rate_hz, min(len(record.gyro), _ROWS)
+    """Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI.
+    Those of a long recording are of its block means, which have the same at longer times."""
+    size = -(-len(record.gyro) // _ROWS)
+    dt, count = size / record.rate_hz, len(record.gyro) // size
     taus = octave_taus(count, dt)
-    gyro, accel = (overlapping_deviation(v[None, :count], dt, taus)
-                   for v in (record.gyro, record.accel))  # fmt: skip
+    gyro, accel = (
+        overlapping_deviation(
+            v[: size * count].reshape(count, size, 3).mean(axis=1)[None], dt, taus
+        )
+        for v in (record.gyro, record.accel)
+    )
     return taus, gyro, accel
 
 
