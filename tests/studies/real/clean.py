@@ -132,7 +132,7 @@ def called(program: str, options: Sequence[str]) -> tuple[str | None, dict, str]
         contextlib.chdir(scratch),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(io.StringIO()),
-        mock.patch("lbgc.fit.draw", return_value={}),
+        mock.patch("lbgc.fit.allan_page.draw", return_value={}),
     ):
         try:
             if program == "fit":
