@@ -30,6 +30,9 @@ class Said:
 
     latitude: float | None = None
     heading_deg: float | None = None
+    table: str | None = None
+    dtype: list[str] | None = None
+    skip_bytes: int | None = None
     columns: list[Any] | None = None
     time_column: Any = None
     time_unit: str | None = None

@@ -1,19 +1,22 @@
 """The log doctor: right, or asking; never wrong in silence."""
 
 from collections import Counter
+from dataclasses import fields
 
 import cases
 import numpy as np
 import pytest
+import scipy.io
 import yaml
 from any_logs import FRAMES, judged, make
+from helpers import ROOT
 
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.logs import read
 from lbgc.data.looking import columns, stretch
 from lbgc.data.looking.doctor import looked
 from lbgc.data.readers.sheets import sheet
-from lbgc.look import as_override
+from lbgc.look import Said, as_override
 from lbgc.report import look_text
 
 DEG_H = np.deg2rad(1) / 3600
@@ -180,6 +183,49 @@ def test_what_is_no_log(cli, tmp_path):
     assert "letter.txt" in both.out
     assert (tmp_path / "mine/log/log.yaml").exists()
     assert cli("lbgc.look").code == 2
+
+
+def test_what_it_asks_for_can_be_said(cli, tmp_path):
+    """Of a file with two tables it asks for log.table, which the commands take."""
+    said = {field.name for field in fields(Said)}
+    alone = yaml.safe_load((ROOT / "conf/log/auto.yaml").read_text())
+    assert said <= alone.keys() <= {field.name for field in fields(LogConfig)}
+    assert {"table", "dtype", "skip_bytes"} <= said
+    table = still(seconds=60, arw=0.02)
+    one = {"t": table[:, 0], "gyro": np.deg2rad(table[:, 1:4]), "accel": table[:, 4:]}
+    scipy.io.savemat(tmp_path / "log.mat", {"first": one, "second": one})
+    asked = cli("lbgc.look", "files=[log.mat]", "log.latitude=48.1")
+    assert "log.table: which is it?" in asked.out
+    told = cli("lbgc.look", "files=[log.mat]", "log.latitude=48.1", "log.table=second")
+    assert told.code == 0, told.err
+    assert yaml.safe_load((tmp_path / "mine/log/log.yaml").read_text())["table"] == "second"
+    done = cli("lbgc.evaluate", "log.path=log.mat", "log.latitude=48.1", "log.table=first",
+               "windows_s=[30]")  # fmt: skip
+    assert done.code == 0, done.err
+
+
+def test_a_limit_that_is_said_is_kept(tmp_path):
+    table = still(arw=0.02)
+    table[:, 1] += 100 / 3600
+    file = written(tmp_path / "log.csv", table)
+    told = {"latitude": 48.1, "gyro_unit": "deg/s"}
+    assert looked(file, told).keys["most_bias_deg_per_h"] > 90
+    look = looked(file, {**told, "most_bias_deg_per_h": 50.0})
+    assert look.keys["most_bias_deg_per_h"] == 50
+    assert "most_bias" in str(look.refusal)
+
+
+def test_no_name_gets_out_of_a_description(tmp_path):
+    """Whatever a file calls its columns: the description has its keys and no other."""
+    table = still(seconds=60, arw=0.02)
+    text = "time \"a'b: {x} #,gx,gy,gz,ax,ay,az,timestamp: [1\n"
+    rows = np.column_stack([table, np.arange(len(table))])
+    body = "\n".join(",".join(f"{v:.9g}" for v in row) for row in rows)
+    (tmp_path / "log.csv").write_text(text + body + "\n")
+    look = looked(tmp_path / "log.csv", {"latitude": 48.1})
+    keys = yaml.safe_load(look_text.description(look, "# first"))
+    assert set(keys) == {field.name for field in fields(LogConfig)}
+    assert all(keys[key] == value for key, value in look.keys.items() if key != "path")
 
 
 def test_files_without_a_key(tmp_path, monkeypatch):

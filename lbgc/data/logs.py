@@ -50,7 +50,7 @@ def _of_files(config: LogConfig, imu: ImuModel | None) -> tuple[Record, LogConfi
     """The one recording whose positions are files of their own, and its configuration. Raises
     InputError where a file holds several recordings, or cannot be one of this recording's."""
     records, raws = [], []
-    for path in [config.path] if isinstance(config.path, str) else config.path:
+    for path in config.files:
         own = replace(config, path=path, angles_deg=None, gap_s=None)
         read_from = list(READERS[config.reader](find(path), own))
         pieces = [record for raw in read_from for record in _records(raw)]

@@ -2,19 +2,19 @@
 
 import shlex
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
+from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.looking.doctor import Look, bias
+from lbgc.data.looking.doctor import Look
+from lbgc.data.looking.sensor import least_bias
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
-from lbgc.outputs import shown
+from lbgc.outputs import as_json, shown
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
 from lbgc.units import DEG, HOUR
 
-_PER_HOUR = HOUR / DEG
 _WINDOW_S = 240.0
 _CANNOT_DEG = 60.0
 """Expected error, degrees, above which north is not found; by chance it is 104."""
@@ -66,7 +66,7 @@ def worth(record: Record, placed: bool) -> list[str]:
     lines = [
         f"noise at {taus[at]:.3g} s: angle random walk {_three(arw)} deg/sqrt(h), velocity random "
         f"walk {_three(vrw)} m/s/sqrt(h)",
-        f"gyros' Allan deviation falls to {_three(gyro.min(axis=1) * _PER_HOUR)} deg/h at "
+        f"gyros' Allan deviation falls to {_three(gyro.min(axis=1) * PER_HOUR)} deg/h at "
         f"{_three(taus[least])} s",
     ]
     longest = float(taus[least].max())
@@ -86,12 +86,12 @@ def worth(record: Record, placed: bool) -> list[str]:
     seconds = min(_WINDOW_S, record.duration_s)
     sigma = float(walk.max()) / np.sqrt(seconds) / horizontal
     floor = float(gyro.min(axis=1).max()) / horizontal
-    off = bias(record)
+    off = least_bias(record.gyro.mean(0), record.accel.mean(0), record.latitude)
     lines.append(
         f"north: by noise alone {_degrees(sigma)} in {seconds:.0f} s, by the slow part of it "
         f"{_degrees(floor)}; a horizontal bias of 1 deg/h turns it by "
-        f"{1 / (horizontal * _PER_HOUR) / DEG:.3g} deg, and here it is "
-        f"{off * _PER_HOUR:.3g} deg/h at the least"
+        f"{1 / (horizontal * PER_HOUR) / DEG:.3g} deg, and here it is "
+        f"{off * PER_HOUR:.3g} deg/h at the least"
     )
     if np.hypot(sigma, off / horizontal) > _CANNOT_DEG * DEG:
         lines.append("north cannot be found with it at rest")
@@ -120,31 +120,22 @@ def asked(look: Look, file: str) -> str:
 
 
 def description(look: Look, first: str) -> str:
-    """The description as a YAML file. first : its first line's beginning."""
+    """The description as a YAML file. Its values are JSON, which YAML holds, so that no text of the
+    file's gets out of its quotes. first : its first line's beginning."""
     why = {guess.key: guess for guess in look.guesses}
     lines = [f"{first} from {shown(look.path.name)}: what is no guess was said, or is in the file."]
     for key, value in look.keys.items():
         about = why.get(key)
         if about is not None:
-            lines.append(f"# {key}: {about.why}" + (f"; {about.doubt}" if about.doubt else ""))
-        lines.append(f"{key}: {_yaml(value if key != 'path' else str(look.path.absolute()))}")
+            told = f"{about.why}; {about.doubt}" if about.doubt else about.why
+            lines.append(f"# {key}: {shown(told)}")
+        own = str(look.path.absolute()) if key == "path" else value
+        lines.append(f"{key}: {as_json(own, indent=None)}")
     lines.append("# as usual")
     usual = asdict(LogConfig(path="x"))
-    lines += [f"{key}: {_yaml(usual[key])}" for key in usual if key not in look.keys]
+    more = {key: usual[key] for key in usual if key not in look.keys}
+    lines += [f"{key}: {as_json(value, indent=None)}" for key, value in more.items()]
     return "\n".join(lines) + "\n"
-
-
-def _yaml(value: Any) -> str:
-    """A value as YAML has it; texts in quotes."""
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_yaml, value)) + "]"
-    if value is None:
-        return "null"
-    if isinstance(value, str):
-        return "'" + value.replace("'", "''") + "'"
-    return (
-        f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else repr(value)
-    )
 
 
 def commands(look: Look, out: str, name: str) -> str:

@@ -138,7 +138,7 @@ def agrees(variance: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def white(axes: Sequence[Slow]) -> list[Figures]:
-    """Of each axis, what is white alone."""
+    """The figures of each axis's white noise alone."""
     return [Figures(axis.N) for axis in axes]
 
 
@@ -229,7 +229,7 @@ def _best_of_axis(
 def _agreeing(
     sizes: np.ndarray, unit: np.ndarray, target: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of each size (S,): at how many times it agrees, and its worst departure at these."""
+    """The number of times at which each size (S,) agrees, and its worst departure at these."""
     variance = known + sizes[:, None] * unit
     good = agrees(variance, target)
     departure = np.log(variance / target, out=np.zeros_like(variance), where=good)

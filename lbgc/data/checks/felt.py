@@ -19,7 +19,8 @@ scale factor is wrong by more, and a tilted sensor feels the cosine."""
 _NEAR = 0.1
 """The relative difference up to which a wrong sign or unit explains the ratio of two turns."""
 _CAROUSEL = 0.25
-"""The same up to which an even turn agrees, which no rest parts from the gyro's bias."""
+"""The relative difference up to which an even turn agrees, which no rest parts from the gyro's
+bias."""
 _TELLS = 20.0 * DEG
 """A turn, rad, from which on its sense is felt."""
 _LATE_S = 0.05

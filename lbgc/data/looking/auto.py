@@ -37,9 +37,9 @@ class AnyLog(LogConfig):
         del said["reader"]
         look = looked(find(path), said)
         asked = [own for own in look.asks if cls.for_heading or not own.heading_only]
-        for guess in asked:
-            about = f"is not told by the file: {guess.doubt} {guess.why}"
-            raise InputError(guess.key, None, "", f"{about} (python lbgc/look.py {shown(path)})")
+        if asked:
+            about = f"is not told by the file: {asked[0].doubt} {asked[0].why}"
+            raise InputError(asked[0].key, None, "", f"{about} (python lbgc/look.py {shown(path)})")
         if cls.for_heading and look.refusal is not None:
             raise look.refusal
         for guess in look.guesses:
@@ -51,6 +51,6 @@ class AnyLog(LogConfig):
 
 @dataclass(frozen=True)
 class NoiseLog(AnyLog):
-    """The same of which no heading is asked for."""
+    """A log's description, found likewise, of which no heading is asked for."""
 
     for_heading: ClassVar[bool] = False

@@ -10,7 +10,7 @@ import numpy as np
 
 from lbgc import outputs
 from lbgc.data import logs
-from lbgc.data.checks.plausible import PER_HOUR, residual
+from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.looking import columns, sensor, stretch
 from lbgc.data.looking.guess import Guess
@@ -308,7 +308,7 @@ def _read(path: Path, name: str, case: _Case) -> Look:
         try:
             records = list(logs.read(LogConfig(**({"latitude": 45.0} | keys)), north=asked))
         except InputError as error:
-            if error.name == "log.most_bias_deg_per_h" and asked:
+            if error.name == "log.most_bias_deg_per_h" and "most_bias_deg_per_h" not in case.keys:
                 return _read_biased(look, case)
             refusal = refusal or error
             continue
@@ -322,16 +322,10 @@ def _read_biased(look: Look, case: _Case) -> Look:
     """Read a file whose bias exceeds what is taken as possible: the description says how large it
     may be, and the doubt what that means."""
     (record, *_) = logs.read(LogConfig(**look.keys), north=False)
-    off = bias(record)
+    off = sensor.least_bias(record.gyro.mean(0), record.accel.mean(0), record.latitude)
     most = float(f"{1.5 * off * PER_HOUR:.1g}")
     horizontal = EARTH_RATE * np.cos(record.latitude) * PER_HOUR
     why = f"its bias is {off * PER_HOUR:.4g} deg/h at the least, beside Earth's horizontal "
     why += f"{horizontal:.3g}: at rest it hides north, a turn of the plate takes it out"
     case.note(Guess("most_bias_deg_per_h", most, why))
     return _read(look.path, look.name, case)
-
-
-def bias(record: Record) -> float:
-    """The least bias, rad/s, that explains a recording's mean rate at any heading."""
-    _, off = residual(record.gyro.mean(0), record.accel.mean(0), record.latitude, np.ones(3))
-    return float(np.linalg.norm(off))

@@ -193,17 +193,19 @@ def _printed(log: Means, unit: str, latitude: float, vertical: int) -> tuple[flo
     up, down = rest, replace(rest, force=-rest.force)
     odds = _DOWN * density(down, 1.0) / density(up, 1.0)
     sign = -1.0 if odds > 1 else 1.0
-    bias = bias_of(down if sign < 0 else up) * PER_HOUR
+    bias = least_bias(rest.rate, sign * rest.force, latitude) * PER_HOUR
     if 1 / _TOLD < odds < _TOLD:
-        return 1.0, _USUALLY, f"{_UNTOLD} beside a bias of {bias_of(up) * PER_HOUR:.3g} deg/h"
+        bias = least_bias(rest.rate, rest.force, latitude) * PER_HOUR
+        return 1.0, _USUALLY, f"{_UNTOLD} beside a bias of {bias:.3g} deg/h"
     told = f"the rate along it agrees within {bias:.2g} deg/h with {latitude / DEG:.4g} degrees of "
     told += "latitude" + (", where the accelerometers print +1 g down" if sign < 0 else "")
     return sign, told, ""
 
 
-def bias_of(rest: Resting) -> float:
-    """The least bias, rad/s, that explains a mean rate at any heading."""
-    _, off = residual(rest.rate, rest.force, rest.latitude, np.ones(3))
+def least_bias(rate: np.ndarray, force: np.ndarray, latitude: float) -> float:
+    """The least bias, rad/s, that explains a mean rate (3,), rad/s, at any heading. force : (3,);
+    latitude : rad."""
+    _, off = residual(rate, force, latitude, np.ones(3))
     return float(np.linalg.norm(off))
 
 

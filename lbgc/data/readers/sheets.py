@@ -51,7 +51,7 @@ class Source(Protocol):
         """Columns by position, as `Sheet.columns` gives them."""
 
     def head(self, rows: int) -> "Source":
-        """The same of the first rows alone."""
+        """A source of the first rows alone."""
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def members(path: Path) -> list[str]:
 
 
 def _members(archive: zipfile.ZipFile) -> list[str]:
-    """The same of an open archive."""
+    """The names of what an open archive holds, as `members` gives them."""
     names = [name for name in archive.namelist() if not name.endswith("/")]
     for name in names:
         place = PurePosixPath(name.replace("\\", "/"))
