@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -120,11 +122,17 @@ atexit.register(lambda: print(*sys.modules, sep="\\n", file=error))
 """
 
 
+def nodes(file: Path) -> Iterator[ast.AST]:
+    """Every node of a file's syntax tree."""
+    return ast.walk(ast.parse(file.read_text()))
+
+
+@cache
 def imports(file: Path) -> set[str]:
     """Dotted names of every module a file imports, wherever in it; relative ones in full."""
     names = set()
     inside = file.relative_to(ROOT).parent.parts
-    for node in ast.walk(ast.parse(file.read_text())):
+    for node in nodes(file):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -223,9 +231,7 @@ def test_json_is_written_in_one_place():
     """JSON has no NaN; `lbgc.outputs.as_json` writes null."""
     for file in FILES:
         if file.name != "outputs.py":
-            calls = (
-                n.func for n in ast.walk(ast.parse(file.read_text())) if isinstance(n, ast.Call)
-            )
+            calls = (n.func for n in nodes(file) if isinstance(n, ast.Call))
             assert not {"json.dump", "json.dumps"} & set(map(ast.unparse, calls)), file
             assert "from json" not in file.read_text()
 
@@ -233,7 +239,7 @@ def test_json_is_written_in_one_place():
 def test_windows_are_never_built_by_position():
     """Of arrays that are alike, two that change places would go unseen."""
     for file in [*FILES, *(ROOT / "tests").rglob("*.py")]:
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             if isinstance(node, ast.Call):
                 name = ast.unparse(node.func).rpartition(".")[2]
                 assert name not in ("Windows", "Labelled") or not node.args, file
@@ -284,7 +290,7 @@ def test_nobody_outside_the_sensor_asks_what_type_a_term_is():
     for file in FILES:
         if file.is_relative_to(ROOT / "lbgc/sensor"):
             continue
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             named = {getattr(node, "id", None), getattr(node, "attr", None)}
             if isinstance(node, ast.ImportFrom):
                 named |= {alias.name for alias in node.names}
