@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lbgc.data.checks.findings import CHECKS
-from lbgc.data.readers.axes import is_right_handed, require_axes
+from lbgc.data.readers.axes import matrix_of, require_axes
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.errors import (
     require,
@@ -30,6 +30,8 @@ _LONGEST_GAP_S = 86400.0
 """Time between two files of one recording, s, at most."""
 DEFAULT_GYRO, DEFAULT_ACCEL = ("w_x", "w_y", "w_z"), ("f_x", "f_y", "f_z")
 """Columns' names where the user gives none: those of the published layout."""
+NONE = "none"
+"""The value of a key of columns with which none is read."""
 _ROW_TYPES = ("f4", "f8", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)))
 _PASSED_OVER = re.compile(r"V[1-9]\d{0,4}")
 
@@ -57,16 +59,28 @@ class LogConfig:
     or big-endian with > before; V8: eight bytes that are passed over."""
     skip_bytes: int = 0
     """Bytes before the first such row."""
-    gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
-    """The file's gyro columns, x, y and z. Where it has none of the default ones, names such as gx
-    (deg/s), gyro_x or angular_velocity.x are found."""
-    accel_columns: list[str] = field(default_factory=lambda: list(DEFAULT_ACCEL))
-    """The file's accelerometer columns, x, y and z."""
+    gyro_columns: str | list[Any] = field(default_factory=lambda: list(DEFAULT_GYRO))
+    """The file's gyro columns, x, y and z, by name or position. Where it has none of the default
+    ones, names such as gx (deg/s), gyro_x or angular_velocity.x are found. none: no gyros were
+    recorded, and noise alone is fitted."""
+    accel_columns: str | list[Any] = field(default_factory=lambda: list(DEFAULT_ACCEL))
+    """The file's accelerometer columns, x, y and z; none: none were recorded, likewise."""
     columns: list[Any] | None = None
     """All six columns instead: names, or positions counted from one."""
     time_column: Any = None
     """The time column's name or position, or [seconds, nanoseconds] of two; null: found by its
     name, if there; none: not used."""
+    accel_path: str | list[str] | None = None
+    """The file of the accelerometers, where it is another than the gyros'; or several, one for each
+    of `path`. Clocks that differ are put on one another by their stamps: the faster triad is
+    averaged over the slower one's intervals. A fit takes each triad's own samples."""
+    accel_table: str | None = None
+    """The table of the accelerometers, of that file or of the gyros' own; null: as `table`."""
+    accel_time_column: Any = None
+    """The time column of the accelerometers' table; null: as `time_column`."""
+    accel_late_s: float = 0.0
+    """Seconds by which the accelerometers' stamps are late against the gyros': they are subtracted,
+    where the two clocks differ by a known time."""
     temperature_column: Any = None
     """Name or position of a column of the sensor's temperature, degrees Celsius or kelvin, which
     may be empty in rows between; null: none is used."""
@@ -85,16 +99,28 @@ class LogConfig:
     """Seconds at the log's start that are left out, counted by its samples."""
     to_s: float | None = None
     """Seconds after the start from which on the rest is left out, likewise; null: none is."""
+    leave_out: list[list[float]] = field(default_factory=list)
+    """Times to leave out, [[from_s, to_s], ...] in order, likewise: a knock, somebody at the bench.
+    What is between them are pieces, of which `gaps` says what becomes; where that is refuse, the
+    longest is read."""
+    rows: list[Any] | None = None
+    """The first and the last row that are read, counted from one: [first, last], or [first, null];
+    null: all are."""
     gyro_unit: str = "rad/s"
     """Unit of the gyro columns: of a rate, or of an increment a sample (rad, deg, arcsec); auto: as
     the columns' names say, deg/s where they say nothing."""
     accel_unit: str = "m/s2"
     """Unit of the accelerometer columns: of a specific force, or of an increment a sample (m/s,
     g*s, ug*s); auto: m/s2 or g, whichever makes the log rest at 1 g."""
-    gyro_scale: float = 1.0
-    """Gyro units in one count of the file."""
-    accel_scale: float = 1.0
-    """Accelerometer units in one count of the file."""
+    gyro_scale: float | list[float] = 1.0
+    """Gyro units in one count of the file, or one for each of the file's axes x, y and z; negative
+    where it counts the other way: value = scale (count - offset)."""
+    accel_scale: float | list[float] = 1.0
+    """Accelerometer units in one count of the file, likewise."""
+    gyro_offset: float | list[float] = 0.0
+    """What the gyro columns print where the rate is zero, in counts of the file, or one an axis."""
+    accel_offset: float | list[float] = 0.0
+    """What the accelerometer columns print where the force is zero, likewise."""
     axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
     """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
     accel_axes: list[str] | None = None
@@ -148,9 +174,7 @@ class LogConfig:
         require_choice("reader", self.reader, READERS)
         _require_paths(self.files, self.angles_deg)
         self._require_plate()
-        for name in ("gyro_columns", "accel_columns"):
-            columns = getattr(self, name)
-            require(len(set(columns)) == 3, name, columns, "must be three column names")
+        self._require_triads()
         require_choice("gyro_unit", self.gyro_unit, ["auto", *GYRO_UNITS])
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
         _require_columns(self.columns, self.time_column)
@@ -161,16 +185,10 @@ class LogConfig:
         require_choice("time_unit", self.time_unit, ["auto", *TIME_UNITS])
         require_choice("gaps", self.gaps, GAPS)
         require_choice("repeats", self.repeats, REPEATS)
-        require_axes("axes", self.axes)
-        if self.accel_axes is None:
-            right = is_right_handed(self.axes)
-            require(right, "axes", self.axes, "is a mirrored frame: check the signs, or give "
-                    "accel_axes as well where the gyros' signs are mirrored")  # fmt: skip
-        else:
-            require_axes("accel_axes", self.accel_axes)
+        self._require_frame()
         for name in self.accept:
             require_choice("accept", name, CHECKS)
-        for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h", "bias_limit_deg_per_h"):
+        for name in ("most_bias_deg_per_h", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
         require(
             0 <= self.from_s < np.inf, "from_s", self.from_s, "must be zero or more, and finite"
@@ -178,6 +196,17 @@ class LogConfig:
         if self.to_s is not None:
             good = self.from_s < self.to_s < np.inf
             require(good, "to_s", self.to_s, f"must be above from_s = {self.from_s:g}, and finite")
+        last = 0.0
+        for own in self.leave_out:
+            good = len(own) == 2 and last <= own[0] < own[1] < np.inf
+            about = "must be [from_s, to_s] each, in order of time, without overlap"
+            require(good, "leave_out", own, about)
+            last = own[1]
+        if self.rows is not None:
+            whole = all(type(at) is int and at > 0 for at in self.rows[:1 if self.open_end else 2])
+            good = len(self.rows) == 2 and whole and (self.open_end or self.rows[0] < self.rows[1])
+            about = "must be [first, last], counted from one, or [first, null]"
+            require(good, "rows", self.rows, about)
         if self.rate_hz is not None:
             good = 0 < self.rate_hz < np.inf
             require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
@@ -190,6 +219,58 @@ class LogConfig:
         for key in ("unit", "session"):
             if getattr(self, key) is not None:
                 require_name(key, getattr(self, key))
+
+    def _require_triads(self) -> None:
+        """Raise InputError unless the triads' columns, scales and files are stated so that they can
+        be meant."""
+        for name in ("gyro_columns", "accel_columns"):
+            columns = getattr(self, name)
+            three = isinstance(columns, list) and len(columns) == len(set(map(str, columns))) == 3
+            about = f"must be three columns, or {NONE}"
+            require(three or columns == NONE, name, columns, about)
+            for column in columns if isinstance(columns, list) else []:
+                _require_column(name, column)
+        about = "and gyro_columns are both none: nothing is left to read"
+        require(bool(self.recorded), "accel_columns", NONE, about)
+        for name in ("gyro_scale", "accel_scale", "gyro_offset", "accel_offset"):
+            value = getattr(self, name)
+            each = value if isinstance(value, list) else [value] * 3
+            require(len(each) == 3, name, value, "must be one number, or three: x, y, z")
+            good = name.endswith("offset") or all(own != 0 for own in each)
+            require(good, name, value, "must not be zero")
+        both = len(self.recorded) == 2
+        about = "leaves one triad: give the other by gyro_columns=[...] or accel_columns=[...]"
+        require(both or self.columns is None, "columns", self.columns, about)
+        if not self.accel_is_apart:
+            for name in ("accel_time_column", "accel_late_s"):
+                about = "is for accelerometers of another file or table: accel_path, accel_table"
+                require(not getattr(self, name), name, getattr(self, name), about)
+            return
+        key = "accel_table" if self.accel_path is None else "accel_path"
+        value = getattr(self, key)
+        require(both, key, value, "is of a triad whose columns are none")
+        require(self.reader == "table", key, value, "is for the reader table")
+        about = "and columns: give gyro_columns and accel_columns, each of its own table"
+        require(self.columns is None, key, value, about)
+        if self.accel_path is not None:
+            several = self.accel_path if isinstance(self.accel_path, list) else [self.accel_path]
+            good = len(several) == len(self.files) and all(several)
+            require(good, key, value, f"must name {len(self.files)}, one for each file of path")
+        _require_columns(None, self.accel_time_column, "accel_time_column")
+
+    def _require_frame(self) -> None:
+        """Raise InputError unless the axes, with the signs of the scales, make a right-handed frame
+        where both triads are stated to have the same."""
+        require_axes("axes", self.axes)
+        if self.accel_axes is not None:
+            require_axes("accel_axes", self.accel_axes)
+        signs = [np.sign(self.each(own, "scale")) for own in ("gyro", "accel")]
+        if self.accel_axes is not None or np.any(signs[0] != signs[1]):
+            return
+        right = np.linalg.det(matrix_of(self.axes)) * signs[0].prod() > 0
+        by = " with the signs of gyro_scale and accel_scale" if np.any(signs[0] < 0) else ""
+        require(bool(right), "axes", self.axes, f"is a mirrored frame{by}: check the signs, or give "
+                "accel_axes as well where the gyros' signs are mirrored")  # fmt: skip
 
     def _require_plate(self) -> None:
         """Raise InputError unless the plate's angles are stated in one way, or not at all."""
@@ -219,6 +300,25 @@ class LogConfig:
     def files(self) -> list[str]:
         """The log's files: several, or the one."""
         return self.path if isinstance(self.path, list) else [self.path]
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """The triads that were recorded: gyro, accel, or one of them."""
+        return tuple(p for p in ("gyro", "accel") if getattr(self, f"{p}_columns") != NONE)
+
+    @property
+    def accel_is_apart(self) -> bool:
+        """Whether the accelerometers are of a file or table of their own."""
+        return self.accel_path is not None or self.accel_table is not None
+
+    @property
+    def open_end(self) -> bool:
+        """Whether the rows that are read have no stated last one."""
+        return self.rows is not None and self.rows[-1:] == [None]
+
+    def each(self, part: str, key: str) -> np.ndarray:
+        """A triad's scale or offset for each of the file's axes, (3,)."""
+        return np.broadcast_to(np.asarray(getattr(self, f"{part}_{key}"), float), (3,))
 
     @property
     def axes_of_accel(self) -> list[str]:
@@ -257,15 +357,17 @@ def row_type(fields: list[str], key: str = "log.dtype") -> np.dtype:
     return np.dtype(found)
 
 
-def _require_columns(columns: list[Any] | None, time: Any) -> None:
+def _require_columns(
+    columns: list[Any] | None, time: Any, time_key: str = "time_column"
+) -> None:
     """Raise InputError unless columns are names, or positions counted from one."""
     if columns is not None:
         six = len(columns) == 6 and len(set(map(str, columns))) == 6
         require(six, "columns", columns, "must be six: gyro x, y, z, accelerometer x, y, z")
     times = time if isinstance(time, list) else [] if time is None else [time]
     good = isinstance(time, list) is (len(times) == 2)
-    require(good, "time_column", time, "must be one column, or [seconds, nanoseconds]")
-    for key, given in (("columns", columns or []), ("time_column", times)):
+    require(good, time_key, time, "must be one column, or [seconds, nanoseconds]")
+    for key, given in (("columns", columns or []), (time_key, times)):
         for name in given:
             _require_column(key, name)
 

@@ -6,11 +6,12 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lbgc import outputs
-from lbgc.data.logconfig import PLATE_UNITS, LogConfig
+from lbgc.data.logconfig import NONE, PLATE_UNITS, LogConfig
 from lbgc.data.readers.clock import Said
 from lbgc.data.readers.column_names import described, unit
 from lbgc.data.readers.formats import files
@@ -37,9 +38,9 @@ class Raw:
     name: str
     """The recording's name in messages"""
     gyro: np.ndarray
-    """(T, 3), as printed"""
+    """(T, 3), as printed; (T, 0) where no gyros were recorded"""
     accel: np.ndarray
-    """(T, 3), as printed"""
+    """(T, 3), as printed, likewise"""
     config: LogConfig
     """The configuration, completed by the file's header or name."""
     stamps: np.ndarray | None = None
@@ -89,10 +90,45 @@ def only_file(path: Path, named: object) -> Path:
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `table`: the one recording in a file of columns, of any format that is read."""
-    place = path if files.is_bag_directory(path) else only_file(path, config.path)
-    with files.opened(place, config) as own:
-        raw = of_sheet(own, outputs.shown(path.stem), config)
-    yield raw
+    yield _of_table(path, config, config, config.recorded)
+
+
+def _of_table(path: Path, opening: LogConfig, config: LogConfig, parts: Sequence[str]) -> Raw:
+    """What a file holds of these triads. opening : by which the file's table is chosen."""
+    place = path if files.is_bag_directory(path) else only_file(path, opening.path)
+    with files.opened(place, opening) as own:
+        return of_sheet(own, outputs.shown(path.stem), config, parts)
+
+
+def triads_apart(config: LogConfig) -> tuple[Raw, Raw]:
+    """The gyros and the accelerometers of one recording, each from its own file or table. Columns
+    that stand beside the sensors' are read with the gyros."""
+    gyro = replace(config, accel_path=None, accel_table=None, accel_columns=NONE,
+                   accel_time_column=None, accel_late_s=0.0)  # fmt: skip
+    path = config.path if config.accel_path is None else config.accel_path
+    own_time = config.accel_time_column
+    accel = replace(
+        gyro,
+        path=path,
+        table=config.accel_table or config.table,
+        time_column=config.time_column if own_time is None else own_time,
+        gyro_columns=NONE,
+        accel_columns=config.accel_columns,
+        plate_column=None,
+        heading_column=None,
+        temperature_column=None,
+    )
+    first, second = (
+        _of_table(find(str(own.path)), own, replace(config, **_beside(own)), own.recorded)
+        for own in (gyro, accel)
+    )
+    return first, second
+
+
+def _beside(config: LogConfig) -> dict[str, Any]:
+    """The keys of the columns that a table of one triad is read with beside its own."""
+    keys = ("time_column", "plate_column", "heading_column", "temperature_column")
+    return {key: getattr(config, key) for key in keys}
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
@@ -112,9 +148,12 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
         yield of_sheet(own, outputs.shown(file.name), replace(config, heading_deg=heading))
 
 
-def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
-    """The recording in a sheet of named columns."""
-    which = picked(own, config)
+def of_sheet(
+    own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | None = None
+) -> Raw:
+    """The recording in a sheet of named columns. parts : the triads that it has; None: all that
+    were recorded."""
+    which = picked(own, config, parts)
     beside = {
         key: named(own, f"log.{key}", [getattr(config, key)])[0]
         for key in ("plate_column", "heading_column", "temperature_column")
@@ -122,9 +161,12 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
     }
     wanted = [*which.gyro, *which.accel, *which.time, *beside.values()]
     values, notes = own.columns(wanted)
+    values = [_some_rows(column, own, config) for column in values]
     key = "log.columns" if config.columns is not None else None
+    gyros, places = len(which.gyro), [*which.gyro, *which.accel]
     keys = [key or f"log.{kind}_columns" for kind in ["gyro"] * 3 + ["accel"] * 3]
-    places, times = [*which.gyro, *which.accel], values[6 : 6 + len(which.time)]
+    keys, count = keys if gyros else keys[3:], len(places)
+    times = values[count : count + len(which.time)]
     angles = {
         own_key: _numbers(own, f"log.{own_key}", at, values[wanted.index(at)])
         for own_key, at in beside.items()
@@ -132,9 +174,9 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
     warmth = angles.pop("temperature_column", None)  # which may lack some values
     for own_key, column in angles.items():
         require_finite(name, column[:, None], [own_key.removesuffix("_column")])
-    del values[6:]
-    rows = np.empty((6, len(values[0]))).T
-    for at in range(6):  # each column is let go when it has been copied
+    del values[count:]
+    rows = np.empty((count, len(values[0]))).T
+    for at in range(count):  # each column is let go when it has been copied
         rows[:, at] = _numbers(own, keys[at], places[at], values.pop(0))
     config = _with_units(which, config, name)
     if "plate_column" in beside:
@@ -143,7 +185,7 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
         config = replace(config, rate_hz=own.rate_hz)
     plate, heading = angles.get("plate_column"), angles.get("heading_column")
-    raw = Raw(name, rows[:, :3], rows[:, 3:], config, notes=tuple(notes), plate=plate,
+    raw = Raw(name, rows[:, :gyros], rows[:, gyros:], config, notes=tuple(notes), plate=plate,
               heading=heading,
               temperature=None if warmth is None else temperatures(warmth))  # fmt: skip
     if not which.time:
@@ -163,6 +205,16 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         float(stamps[0]),
     )
     return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)
+
+
+def _some_rows(column: np.ndarray, own: Sheet, config: LogConfig) -> np.ndarray:
+    """The rows of a column that the configuration has. Raises InputError where there are none."""
+    if config.rows is None:
+        return column
+    first, last = config.rows
+    about = f"is for more rows than the {len(column)} of {own.file}"
+    require(first < len(column) and (last or 0) <= len(column), "log.rows", config.rows, about)
+    return column[first - 1 : last]
 
 
 def temperatures(values: np.ndarray) -> np.ndarray:
@@ -189,14 +241,18 @@ def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
     InputError where the configuration and the names contradict each other."""
     units = {"gyro_unit": config.gyro_unit, "accel_unit": config.accel_unit}
     for key, says, scale in (
-        ("gyro_unit", which.gyro_unit, config.gyro_scale),
-        ("accel_unit", which.accel_unit, config.accel_scale),
+        ("gyro_unit", which.gyro_unit, config.each("gyro", "scale")),
+        ("accel_unit", which.accel_unit, config.each("accel", "scale")),
     ):
         given = units[key]
         if given == "auto":
             fallback = "deg/s" if key == "gyro_unit" else "auto"
+            about = f"must be given: {name}'s columns do not say it, and no accelerometers were "
+            about += "recorded by whose vertical it could be checked"
+            unchecked = key == "gyro_unit" and says is None and config.recorded == ("gyro",)
+            require(not unchecked, f"log.{key}", given, about)
             units[key] = says or fallback
-        elif says is not None and says != given and scale == 1:
+        elif says is not None and says != given and np.all(np.abs(scale) == 1):
             raise InputError(
                 f"log.{key}", given, "", f"but {name}'s columns say {says}: log.{key}={says} goes "
                 "by them, log.columns=[...] by position takes no notice of them"
@@ -287,10 +343,14 @@ READERS: dict[str, Callable[[Path, LogConfig], Iterator[Raw]]] = {
 }
 
 
-def require_finite(name: str, values: np.ndarray, columns: Sequence[str]) -> None:
-    """Raise InputError unless all values (rows, columns) are finite and below 1e30, so that no sum
-    of them can overflow."""
+def require_finite(
+    name: str, values: np.ndarray, columns: Sequence[str], pieces: Sequence[slice] | None = None
+) -> None:
+    """Raise InputError unless all values (rows, columns) in these pieces, or in all rows, are
+    finite and below 1e30, so that no sum of them can overflow."""
     bad = np.argwhere(~(np.abs(values) < _NONSENSE))
+    if pieces is not None:
+        bad = bad[[any(own.start <= row < own.stop for own in pieces) for row in bad[:, 0]]]
     if len(bad):
         row, column = bad[0]
         value = values[row, column]
