@@ -11,11 +11,13 @@ import numpy as np
 
 from lbgc import outputs
 from lbgc.data.logconfig import PLATE_UNITS, LogConfig
+from lbgc.data.readers.blocks import blocks
 from lbgc.data.readers.clock import Said
 from lbgc.data.readers.column_names import described, unit
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import Picked, named, picked
-from lbgc.data.readers.sheets import Sheet, require_size, sheet, shown
+from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.data.readers.texts import require_size, sheet
 from lbgc.data.readers.timing import stamps_of
 from lbgc.errors import InputError, reading, require
 
@@ -120,22 +122,21 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         for key in ("plate_column", "heading_column", "temperature_column")
         if getattr(config, key) is not None
     }
-    wanted = [*which.gyro, *which.accel, *which.time, *beside.values()]
-    values, notes = own.columns(wanted)
     key = "log.columns" if config.columns is not None else None
-    keys = [key or f"log.{kind}_columns" for kind in ["gyro"] * 3 + ["accel"] * 3]
-    places, times = [*which.gyro, *which.accel], values[6 : 6 + len(which.time)]
+    keys = dict.fromkeys(which.gyro, key or "log.gyro_columns")
+    keys |= dict.fromkeys(which.accel, key or "log.accel_columns")
+    (gyro, accel), values, notes = own.together(
+        [which.gyro, which.accel], [*which.time, *beside.values()],
+        lambda at, column: _numbers(own, keys[at], at, column),
+    )  # fmt: skip
+    times = values[: len(which.time)]
     angles = {
-        own_key: _numbers(own, f"log.{own_key}", at, values[wanted.index(at)])
-        for own_key, at in beside.items()
+        own_key: _numbers(own, f"log.{own_key}", at, column)
+        for (own_key, at), column in zip(beside.items(), values[len(which.time) :], strict=True)
     }
     warmth = angles.pop("temperature_column", None)  # which may lack some values
     for own_key, column in angles.items():
         require_finite(name, column[:, None], [own_key.removesuffix("_column")])
-    del values[6:]
-    rows = np.empty((6, len(values[0]))).T
-    for at in range(6):  # each column is let go when it has been copied
-        rows[:, at] = _numbers(own, keys[at], places[at], values.pop(0))
     config = _with_units(which, config, name)
     if "plate_column" in beside:
         config = _with_plate_unit(own, beside["plate_column"], config, name)
@@ -143,8 +144,7 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
         config = replace(config, rate_hz=own.rate_hz)
     plate, heading = angles.get("plate_column"), angles.get("heading_column")
-    raw = Raw(name, rows[:, :3], rows[:, 3:], config, notes=tuple(notes), plate=plate,
-              heading=heading,
+    raw = Raw(name, gyro, accel, config, notes=tuple(notes), plate=plate, heading=heading,
               temperature=None if warmth is None else temperatures(warmth))  # fmt: skip
     if not which.time:
         return raw
@@ -155,7 +155,7 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
             raise
         return replace(raw, notes=(*notes, f"time: not used, since {error.value} {error.choices}"))
     exact = len(times) == 2 or times[0].dtype.kind in "mMO"
-    require_finite(name, np.asarray(stamps, float)[:, None], ["time"])
+    require_finite(name, stamps[:, None], ["time"])
     said = Said(
         "auto" if times[0].dtype.kind in "mMO" else config.time_unit,
         "ns" if exact else which.time_unit,
@@ -290,10 +290,11 @@ READERS: dict[str, Callable[[Path, LogConfig], Iterator[Raw]]] = {
 def require_finite(name: str, values: np.ndarray, columns: Sequence[str]) -> None:
     """Raise InputError unless all values (rows, columns) are finite and below 1e30, so that no sum
     of them can overflow."""
-    bad = np.argwhere(~(np.abs(values) < _NONSENSE))
-    if len(bad):
-        row, column = bad[0]
+    few = blocks(len(values))
+    bad = [np.argwhere(~(np.abs(values[own]) < _NONSENSE)) + [own.start, 0] for own in few]
+    if sum(map(len, bad)):
+        row, column = np.concatenate(bad)[0]
         value = values[row, column]
         what = "is more than anything measures" if np.isfinite(value) else "is not a number"
         where = f"{name}: {columns[column]} in row {row}"
-        raise InputError(where, value, "", f"{what} ({len(bad)} such values)")
+        raise InputError(where, value, "", f"{what} ({sum(map(len, bad))} such values)")
