@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from test_clock import arw, noted, one
 
-from lbgc.data.readers.held import Holds, holds, taken
-from lbgc.data.readers.repeats import sampled
+from lbgc.data.readers import held, repeats
+from lbgc.data.readers.held import Holds, taken
 from lbgc.errors import InputError
 
 N = 20_000
@@ -14,6 +14,15 @@ N = 20_000
 
 def noise(seed: int, n: int = N) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal((n, 6))
+
+
+def holds(rows: np.ndarray) -> Holds:
+    return held.holds(rows[:, :3], rows[:, 3:])
+
+
+def sampled(name: str, rows: np.ndarray, rate_hz: float, how: str):
+    gyro, accel, rate, notes = repeats.sampled(name, rows[:, :3], rows[:, 3:], rate_hz, how)
+    return np.hstack([gyro, accel]), rate, notes
 
 
 def counted(values: np.ndarray, lsb: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Conversion of real logs to records, which from then on are treated like simulated ones."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from lbgc.data.checks import all_checks
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.positions import at_positions, joined
 from lbgc.data.readers.axes import matrix_of
+from lbgc.data.readers.blocks import blocks
 from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite
 from lbgc.data.readers.repeats import sampled, without_printed_twice
 from lbgc.data.readers.timing import EvenPieces, timing
@@ -72,30 +73,32 @@ def _told_apart(records: Iterable[Record]) -> list[Record]:
 
 
 def _records(raw: Raw) -> Iterator[Record]:
-    """The records of a file, in SI and forward-right-down, one for each evenly sampled piece."""
+    """The records of a file, in SI and forward-right-down, one for each evenly sampled piece. They
+    take the place of `raw`, whose values are converted where they stand: a day has them once."""
     require(len(raw.gyro) > 1, raw.name, f"{len(raw.gyro)} samples", "is no recording")
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
     raw = without_printed_twice(raw)
     clock = clock_of(raw)
-    rows = np.empty((len(raw.gyro), 6))  # row by row, whatever the file's order is
-    rows[:, :3], rows[:, 3:] = raw.gyro, raw.accel
+    raw = replace(raw, stamps=None)
     pieces = _within(clock, raw.config, raw.name)
     if raw.config.positions is not None:
-        whole = pieces == [slice(0, len(rows))]
+        whole = pieces == [slice(0, len(raw.gyro))]
         about = f"is for {raw.name} from its first sample to its last, in one piece"
         require(whole, "log.positions", raw.config.positions, about)
     for number, piece in enumerate(pieces, start=1):
         name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
-        values, rate, notes = sampled(name, rows[piece], clock.rate_hz, raw.config.repeats)
+        gyro, accel, rate, notes = sampled(
+            name, raw.gyro[piece], raw.accel[piece], clock.rate_hz, raw.config.repeats
+        )
         own = replace(
             raw,
             name=name,
-            gyro=values[:, :3],
-            accel=values[:, 3:],
-            plate=_beside(raw.plate, piece, len(values)),
-            heading=_beside(raw.heading, piece, len(values)),
-            temperature=_beside(raw.temperature, piece, len(values)),
+            gyro=gyro,
+            accel=accel,
+            plate=_beside(raw.plate, piece, len(gyro)),
+            heading=_beside(raw.heading, piece, len(gyro)),
+            temperature=_beside(raw.temperature, piece, len(gyro)),
         )
         record = _record(own, rate, (*raw.notes, *clock.notes, *notes))
         yield record if raw.config.positions is None else at_positions(record, raw.config)
@@ -107,6 +110,8 @@ def _beside(column: np.ndarray | None, piece: slice, samples: int) -> np.ndarray
     if column is None:
         return None
     own = column[piece]
+    if len(own) == samples:
+        return own
     ends = np.round(np.arange(1, samples + 1) * (len(own) / samples)).astype(int) - 1
     return np.asarray(own[np.clip(ends, 0, len(own) - 1)])
 
@@ -151,8 +156,11 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
         given = getattr(config, key)
         about = f"is not read from {raw.name}: log.reader={config.reader} has no further columns"
         require(given is None or column is not None, f"log.{key}", given, about)
-    gyro = raw.gyro * config.gyro_scale * rate_factor(config.gyro_unit, rate)
-    accel = _forces(raw, rate)
+    gyro = _converted(
+        raw.gyro, (config.gyro_scale, rate_factor(config.gyro_unit, rate)), config.axes
+    )
+    accel = _converted(raw.accel, (config.accel_scale, _force_factor(raw, rate)),
+                       config.axes_of_accel)  # fmt: skip
     angle = np.zeros(len(gyro))
     if raw.plate is not None:
         factor = 1.0 if config.plate_unit == "rad" else DEG
@@ -160,8 +168,8 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
     sigma = config.heading_sigma_deg
     record = Record(
         name=raw.name,
-        gyro=gyro @ matrix_of(config.axes).T,
-        accel=accel @ matrix_of(config.axes_of_accel).T,
+        gyro=gyro,
+        accel=accel,
         plate_angle=angle,
         rate_hz=rate,
         latitude=config.latitude * DEG,
@@ -194,15 +202,29 @@ def _reference(raw: Raw, angle: np.ndarray) -> float | None:
     return mean
 
 
-def _forces(raw: Raw, rate_hz: float) -> np.ndarray:
-    """Specific forces in m/s^2. The unit "auto" is g where their mean is below 3, else m/s2."""
-    values, unit = raw.accel * raw.config.accel_scale, raw.config.accel_unit
+def _converted(values: np.ndarray, factors: Sequence[float], axes: list[str]) -> np.ndarray:
+    """Values (T, 3) times these factors and along the body's axes, in the place of the file's."""
+    values = values if values.flags.c_contiguous else np.ascontiguousarray(values)
+    matrix = matrix_of(axes)
+    for own in blocks(len(values)):
+        part = values[own]
+        for factor in factors:
+            part *= factor
+        values[own] = part @ matrix.T
+    return values
+
+
+def _force_factor(raw: Raw, rate_hz: float) -> float:
+    """The value in m/s^2 of the accelerometers' unit. The unit "auto" is g where their mean is
+    below 3, else m/s2."""
+    unit = raw.config.accel_unit
     if unit == "auto":
-        unit = "g" if np.linalg.norm(values.mean(axis=0)) < 3 else "m/s2"
+        mean = raw.accel.mean(axis=0) * raw.config.accel_scale
+        unit = "g" if np.linalg.norm(mean) < 3 else "m/s2"
     factor = force_factor(unit, rate_hz)
     if raw.gravity is not None and unit in _UNITS_OF_G:
         factor *= raw.gravity / STANDARD_GRAVITY
-    return values * factor
+    return factor
 
 
 __all__ = ["LogConfig", "columns", "read"]

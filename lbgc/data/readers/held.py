@@ -5,6 +5,7 @@ Values repeat by chance as well, where counts are coarse. The two are told apart
 axes repeat together: by chance that is the product of how often each one does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,38 +61,41 @@ class Holds:
         return together and self.chance < _CHANCE and min(self.columns) == max(self.columns)
 
 
-def holds(rows: np.ndarray) -> Holds:
-    """Find how rows (T, 6) repeat."""
-    columns = _regular(rows[1:] == rows[:-1])
-    (gyro, one), (accel, two) = (
-        _share(rows[:, part]) if set(columns[part]) == {1} else (0.0, 0.0)
-        for part in (slice(0, 3), slice(3, 6))
-    )
-    return Holds(columns, gyro, accel, one * two)
+def holds(gyro: np.ndarray, accel: np.ndarray) -> Holds:
+    """Find how the rows of two triads, (T, 3) each, repeat."""
+    triads = gyro, accel
+    columns = _regular([own[1:] == own[:-1] for own in triads])
+    shares = [
+        _share(own) if set(some) == {1} else (0.0, 0.0)
+        for own, some in zip(triads, (columns[:3], columns[3:]), strict=True)
+    ]
+    (of_gyro, one), (of_accel, two) = shares
+    return Holds(columns, of_gyro, of_accel, one * two)
 
 
-def _regular(same: np.ndarray) -> tuple[int, ...]:
-    """The number of rows for which each column holds a sample, from whether its values repeat
-    (T - 1, C). A column that hardly changes is taken like the others."""
-    found = [_times(np.flatnonzero(~same[:, column])) for column in range(same.shape[1])]
+def _regular(same: Sequence[np.ndarray]) -> tuple[int, ...]:
+    """The number of rows for which each column holds a sample, from whether its values repeat, for
+    each triad (T - 1, 3). A column that hardly changes is taken like the others."""
+    found = [_times(~own[:, column]) for own in same for column in range(own.shape[1])]
     known = [times for times in found if times is not None]
     others = max(set(known), key=known.count) if known else 1
     return tuple(others if times is None else times for times in found)
 
 
 def _times(changes: np.ndarray) -> int | None:
-    """The number of rows for which a column holds a sample, from the rows (C,) at which it changes;
-    None where these are too few.
+    """The number of rows for which a column holds a sample, from whether it changes at each row but
+    the first, (T - 1,); None where changes are too few.
 
     The lengths of runs of equal values are whole multiples of that number, since samples may be
     equal by chance, except for a few where rows were lost.
     """
-    if len(changes) < FEWEST_CHANGES:
+    count = int(np.count_nonzero(changes))
+    if count < FEWEST_CHANGES:
         return None
-    runs = np.diff(changes)
+    if np.count_nonzero(changes[1:] & changes[:-1]) > (1 - _ALIKE) * (count - 1):
+        return 1  # too many change from one row to the next
+    runs = np.diff(np.flatnonzero(changes))
     lengths, counts = np.unique(runs, return_counts=True)
-    if np.mean(runs == 1) > 1 - _ALIKE:
-        return 1
     candidates = [int(n) for n in lengths if 1 < n <= _MOST]
     candidates += [d for n in candidates for d in range(2, n) if n % d == 0 and n <= 64]
     for times in sorted(set(candidates), reverse=True):

@@ -12,11 +12,13 @@ import numpy as np
 
 from lbgc import outputs
 from lbgc.data.logconfig import NONE, PLATE_UNITS, LogConfig
+from lbgc.data.readers.blocks import blocks
 from lbgc.data.readers.clock import Said
 from lbgc.data.readers.column_names import described, unit
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import Picked, named, picked
-from lbgc.data.readers.sheets import Sheet, require_size, sheet, shown
+from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.data.readers.texts import require_size, sheet
 from lbgc.data.readers.timing import stamps_of
 from lbgc.errors import InputError, reading, require
 
@@ -159,25 +161,23 @@ def of_sheet(
         for key in ("plate_column", "heading_column", "temperature_column")
         if getattr(config, key) is not None
     }
-    wanted = [*which.gyro, *which.accel, *which.time, *beside.values()]
-    values, notes = own.columns(wanted)
-    values = [_some_rows(column, own, config) for column in values]
     key = "log.columns" if config.columns is not None else None
-    gyros, places = len(which.gyro), [*which.gyro, *which.accel]
-    keys = [key or f"log.{kind}_columns" for kind in ["gyro"] * 3 + ["accel"] * 3]
-    keys, count = keys if gyros else keys[3:], len(places)
-    times = values[count : count + len(which.time)]
+    keys = dict.fromkeys(which.gyro, key or "log.gyro_columns")
+    keys |= dict.fromkeys(which.accel, key or "log.accel_columns")
+    (gyro, accel), values, notes = own.together(
+        [which.gyro, which.accel], [*which.time, *beside.values()],
+        lambda at, column: _numbers(own, keys[at], at, column),
+    )  # fmt: skip
+    (gyro, accel, *values), row_notes = _some_rows([gyro, accel, *values], own, config)
+    notes += row_notes
+    times = values[: len(which.time)]
     angles = {
-        own_key: _numbers(own, f"log.{own_key}", at, values[wanted.index(at)])
-        for own_key, at in beside.items()
+        own_key: _numbers(own, f"log.{own_key}", at, column)
+        for (own_key, at), column in zip(beside.items(), values[len(which.time) :], strict=True)
     }
     warmth = angles.pop("temperature_column", None)  # which may lack some values
     for own_key, column in angles.items():
         require_finite(name, column[:, None], [own_key.removesuffix("_column")])
-    del values[count:]
-    rows = np.empty((count, len(values[0]))).T
-    for at in range(count):  # each column is let go when it has been copied
-        rows[:, at] = _numbers(own, keys[at], places[at], values.pop(0))
     config = _with_units(which, config, name)
     if "plate_column" in beside:
         config = _with_plate_unit(own, beside["plate_column"], config, name)
@@ -185,8 +185,7 @@ def of_sheet(
         notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
         config = replace(config, rate_hz=own.rate_hz)
     plate, heading = angles.get("plate_column"), angles.get("heading_column")
-    raw = Raw(name, rows[:, :gyros], rows[:, gyros:], config, notes=tuple(notes), plate=plate,
-              heading=heading,
+    raw = Raw(name, gyro, accel, config, notes=tuple(notes), plate=plate, heading=heading,
               temperature=None if warmth is None else temperatures(warmth))  # fmt: skip
     if not which.time:
         return raw
@@ -197,7 +196,7 @@ def of_sheet(
             raise
         return replace(raw, notes=(*notes, f"time: not used, since {error.value} {error.choices}"))
     exact = len(times) == 2 or times[0].dtype.kind in "mMO"
-    require_finite(name, np.asarray(stamps, float)[:, None], ["time"])
+    require_finite(name, stamps[:, None], ["time"])
     said = Said(
         "auto" if times[0].dtype.kind in "mMO" else config.time_unit,
         "ns" if exact else which.time_unit,
@@ -207,14 +206,19 @@ def of_sheet(
     return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)
 
 
-def _some_rows(column: np.ndarray, own: Sheet, config: LogConfig) -> np.ndarray:
-    """The rows of a column that the configuration has. Raises InputError where there are none."""
+def _some_rows(
+    columns: list[np.ndarray], own: Sheet, config: LogConfig
+) -> tuple[list[np.ndarray], list[str]]:
+    """The rows of columns that the configuration has, and a note of the others. Raises InputError
+    where there are none."""
     if config.rows is None:
-        return column
-    first, last = config.rows
-    about = f"is for more rows than the {len(column)} of {own.file}"
-    require(first < len(column) and (last or 0) <= len(column), "log.rows", config.rows, about)
-    return column[first - 1 : last]
+        return columns, []
+    (first, last), count = config.rows, len(columns[0])
+    good = first < count and (last is None or last <= count)
+    require(good, "log.rows", config.rows, f"is not within the {count} rows of {own.file}")
+    left = count - (last or count) + first - 1
+    kept = [column[first - 1 : last] for column in columns]
+    return kept, [f"rows: {left} of {own.file}'s {count} were left out (log.rows)"]
 
 
 def temperatures(values: np.ndarray) -> np.ndarray:
@@ -348,12 +352,15 @@ def require_finite(
 ) -> None:
     """Raise InputError unless all values (rows, columns) in these pieces, or in all rows, are
     finite and below 1e30, so that no sum of them can overflow."""
-    bad = np.argwhere(~(np.abs(values) < _NONSENSE))
-    if pieces is not None:
-        bad = bad[[any(own.start <= row < own.stop for own in pieces) for row in bad[:, 0]]]
-    if len(bad):
-        row, column = bad[0]
+    few = [
+        slice(piece.start + own.start, piece.start + own.stop)
+        for piece in pieces or [slice(0, len(values))]
+        for own in blocks(piece.stop - piece.start)
+    ]
+    bad = [np.argwhere(~(np.abs(values[own]) < _NONSENSE)) + [own.start, 0] for own in few]
+    if sum(map(len, bad)):
+        row, column = np.concatenate(bad)[0]
         value = values[row, column]
         what = "is more than anything measures" if np.isfinite(value) else "is not a number"
         where = f"{name}: {columns[column]} in row {row}"
-        raise InputError(where, value, "", f"{what} ({len(bad)} such values)")
+        raise InputError(where, value, "", f"{what} ({sum(map(len, bad))} such values)")

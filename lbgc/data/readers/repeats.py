@@ -20,6 +20,8 @@ def without_printed_twice(raw: Raw) -> Raw:
     if raw.stamps is None or raw.config.repeats == "keep":
         return raw
     again = raw.stamps[1:] == raw.stamps[:-1]
+    if not again.any():
+        return raw
     same = again & (raw.gyro[1:] == raw.gyro[:-1]).all(1) & (raw.accel[1:] == raw.accel[:-1]).all(1)
     if not same.any() or same.sum() < _ALWAYS * again.sum():
         return raw
@@ -37,39 +39,39 @@ def without_printed_twice(raw: Raw) -> Raw:
 
 
 def sampled(
-    name: str, rows: np.ndarray, rate_hz: float, repeats: str
-) -> tuple[np.ndarray, float, list[str]]:
-    """The sensor's own samples (N, 6) behind rows (T, 6), their rate, Hz, and notes of what was
-    done.
+    name: str, gyro: np.ndarray, accel: np.ndarray, rate_hz: float, repeats: str
+) -> tuple[np.ndarray, np.ndarray, float, list[str]]:
+    """The sensors' own samples behind the rows of two triads, (T, 3) each, their rate, Hz, and
+    notes of what was done.
 
     rate_hz : of the rows; repeats : auto, drop or keep. Raises InputError where rows are held
     irregularly and `repeats` is auto, or where they cannot be dropped.
     """
     if repeats == "keep":
-        return rows, rate_hz, []
-    found = holds(rows)
+        return gyro, accel, rate_hz, []
+    found = holds(gyro, accel)
     if found.times > _MOST_ROWS and len(set(found.columns)) > 1:
         about = f"of {name}: {_held(found)}; log each at its own rate, or log.repeats=keep"
         raise InputError("log.repeats", "columns", "", about)
     if found.times > 1 and not found.irregular:
-        values = taken(rows, found)
-        rate = rate_hz * _samples_a_row(len(values), len(rows), found.times)
+        values = taken(np.hstack([gyro, accel]), found)
+        rate = rate_hz * _samples_a_row(len(values), len(gyro), found.times)
         note = (
             f"held samples: {name}, where {_held(found)}, was read at {rate:.6g} Hz, the rate "
             f"of its samples, not at the log's {rate_hz:.6g} Hz"
         )
-        return values, rate, [note]
+        return values[:, :3], values[:, 3:], rate, [note]
     if found.irregular and (repeats == "auto" or not found.can_drop):
         _refuse(name, found)
     if repeats == "auto" or not found.can_drop:
-        return rows, rate_hz, []
-    kept = dropped(rows)
+        return gyro, accel, rate_hz, []
+    kept = dropped(np.hstack([gyro, accel]))
     rate = rate_hz * kept.sum() / len(kept)
     note = (
         f"held samples: {len(kept) - kept.sum()} rows of {name} like the one before were left out "
         f"(log.repeats=drop), and its {kept.sum()} samples taken as even, at {rate:.6g} Hz"
     )
-    return rows[kept], rate, [note]
+    return gyro[kept], accel[kept], rate, [note]
 
 
 def _samples_a_row(samples: int, rows: int, times: int) -> float:

@@ -83,7 +83,7 @@ def timing(
         notes.append(f"counter: {name}'s time column began again {wraps} times, and was carried on")
     seconds = TIME_UNITS[unit]
     rate = 1 / (found.step * seconds)
-    pieces, more = _pieces(name, relative * seconds, found, rate, gaps)
+    pieces, more = _pieces(name, relative, seconds, found, rate, gaps)
     notes += more + _stamp_notes(name, found, rate)
     if stated_hz is None:
         return EvenPieces(rate, pieces, tuple(notes))
@@ -110,17 +110,18 @@ def _stamp_notes(name: str, found: Instants, rate: float) -> list[str]:
 
 
 def _pieces(
-    name: str, seconds: np.ndarray, found: Instants, rate: float, gaps: str
+    name: str, stamps: np.ndarray, unit: float, found: Instants, rate: float, gaps: str
 ) -> tuple[tuple[slice, ...], list[str]]:
     """The log's pieces, as the choice for gaps has them, and notes. The log is not cut at short
-    holes."""
-    n = len(seconds)
+    holes. stamps : (T,), in this unit, s."""
+    n = len(stamps)
     long = [hole for hole in found.holes if not 0 < hole.missing <= _SHORT]
     short = [hole for hole in found.holes if 0 < hole.missing <= _SHORT]
     missing = sum(hole.missing for hole in short)
     many = missing > _FEW * n
     if gaps == "refuse" and long:
-        _refuse(name, seconds, long, rate)
+        row = long[0].row
+        _refuse(name, stamps[row : row + 2] * unit, long, rate)
     if gaps == "refuse" and many:
         raise InputError(
             f"{name}: time",
@@ -162,7 +163,8 @@ def _pieces(
 
 
 def _refuse(name: str, seconds: np.ndarray, long: list[Hole], rate: float) -> None:
-    """Raise the InputError for the first of a log's long holes. seconds : (T,), the stamps, s."""
+    """Raise the InputError for the first of a log's long holes. seconds : (2,), the stamps before
+    and behind it, s."""
     row = long[0].row
     options = (
         "log.gaps=longest reads the longest piece, split each as a recording, join all as if "
@@ -171,14 +173,14 @@ def _refuse(name: str, seconds: np.ndarray, long: list[Hole], rate: float) -> No
     if long[0].missing < 0:
         raise InputError(
             f"{name}: time in row {row + 1}",
-            f"{seconds[row + 1]:.9g}",
+            f"{seconds[1]:.9g}",
             "s",
-            f"does not increase: {seconds[row]:.9g} s stands before it; {options}",
+            f"does not increase: {seconds[0]:.9g} s stands before it; {options}",
         )
     raise InputError(
         f"{name}: time after row {row}",
-        f"{seconds[row]:.9g}",
+        f"{seconds[0]:.9g}",
         "s",
-        f"a gap of {seconds[row + 1] - seconds[row]:.4g} s where samples are {1 / rate:.4g} s apart"
+        f"a gap of {seconds[1] - seconds[0]:.4g} s where samples are {1 / rate:.4g} s apart"
         f" ({len(long)} gaps); {options}",
     )
