@@ -153,7 +153,7 @@ def test_coarse_counts_are_no_holds(kind, lsb):
 
 
 def test_constant_columns_are_no_holds():
-    assert holds(np.ones((250, 6))) == Holds((1,) * 6, 0.0, 0.0, 1.0)
+    assert holds(np.ones((250, 6))) == Holds((1,) * 6, {"gyros": 0.0, "accelerometers": 0.0}, 1.0)
 
 
 def test_rows_that_stand_there_twice_with_their_stamps_are_left_out(tmp_path):

@@ -1,7 +1,6 @@
 """The configuration of a log: where its file is, how that is laid out, its units and axes."""
 
-import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,14 @@ import numpy as np
 from lbgc.data.checks.findings import CHECKS
 from lbgc.data.readers.axes import matrix_of, require_axes
 from lbgc.data.readers.clock import TIME_UNITS
+from lbgc.data.readers.said import (
+    require_column,
+    require_columns,
+    require_paths,
+    require_rows,
+    require_spans,
+    row_type,
+)
 from lbgc.errors import (
     require,
     require_choice,
@@ -32,8 +39,6 @@ DEFAULT_GYRO, DEFAULT_ACCEL = ("w_x", "w_y", "w_z"), ("f_x", "f_y", "f_z")
 """Columns' names where the user gives none: those of the published layout."""
 NONE = "none"
 """The value of a key of columns with which none is read."""
-_ROW_TYPES = ("f4", "f8", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)))
-_PASSED_OVER = re.compile(r"V[1-9]\d{0,4}")
 
 
 @dataclass(frozen=True)
@@ -101,8 +106,7 @@ class LogConfig:
     """Seconds after the start from which on the rest is left out, likewise; null: none is."""
     leave_out: list[list[float]] = field(default_factory=list)
     """Times to leave out, [[from_s, to_s], ...] in order, likewise: a knock, somebody at the bench.
-    What is between them are pieces, of which `gaps` says what becomes; where that is refuse, the
-    longest is read."""
+    Of the pieces between them the longest is read, or each where `gaps` is split."""
     rows: list[Any] | None = None
     """The first and the last row that are read, counted from one: [first, last], or [first, null];
     null: all are."""
@@ -172,16 +176,16 @@ class LogConfig:
     def __post_init__(self) -> None:
         require_name("name", self.name)
         require_choice("reader", self.reader, READERS)
-        _require_paths(self.files, self.angles_deg)
+        require_paths(self.files, self.angles_deg)
         self._require_plate()
         self._require_triads()
         require_choice("gyro_unit", self.gyro_unit, ["auto", *GYRO_UNITS])
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
-        _require_columns(self.columns, self.time_column)
+        require_columns(self.columns, self.time_column)
         require(self.skip_bytes >= 0, "skip_bytes", self.skip_bytes, "must be 0 or more")
         if self.dtype is not None:
             row_type(self.dtype, "dtype")
-        _require_column("temperature_column", self.temperature_column)
+        require_column("temperature_column", self.temperature_column)
         require_choice("time_unit", self.time_unit, ["auto", *TIME_UNITS])
         require_choice("gaps", self.gaps, GAPS)
         require_choice("repeats", self.repeats, REPEATS)
@@ -196,17 +200,8 @@ class LogConfig:
         if self.to_s is not None:
             good = self.from_s < self.to_s < np.inf
             require(good, "to_s", self.to_s, f"must be above from_s = {self.from_s:g}, and finite")
-        last = 0.0
-        for own in self.leave_out:
-            good = len(own) == 2 and last <= own[0] < own[1] < np.inf
-            about = "must be [from_s, to_s] each, in order of time, without overlap"
-            require(good, "leave_out", own, about)
-            last = own[1]
-        if self.rows is not None:
-            whole = all(type(at) is int and at > 0 for at in self.rows[:1 if self.open_end else 2])
-            good = len(self.rows) == 2 and whole and (self.open_end or self.rows[0] < self.rows[1])
-            about = "must be [first, last], counted from one, or [first, null]"
-            require(good, "rows", self.rows, about)
+        require_spans("leave_out", self.leave_out, "[from_s, to_s]")
+        require_rows(self.rows)
         if self.rate_hz is not None:
             good = 0 < self.rate_hz < np.inf
             require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
@@ -226,10 +221,10 @@ class LogConfig:
         for name in ("gyro_columns", "accel_columns"):
             columns = getattr(self, name)
             three = isinstance(columns, list) and len(columns) == len(set(map(str, columns))) == 3
-            about = f"must be three columns, or {NONE}"
+            about = f"must be three column names or positions, or {NONE}"
             require(three or columns == NONE, name, columns, about)
             for column in columns if isinstance(columns, list) else []:
-                _require_column(name, column)
+                require_column(name, column)
         about = "and gyro_columns are both none: nothing is left to read"
         require(bool(self.recorded), "accel_columns", NONE, about)
         for name in ("gyro_scale", "accel_scale", "gyro_offset", "accel_offset"):
@@ -239,6 +234,8 @@ class LogConfig:
             good = name.endswith("offset") or all(own != 0 for own in each)
             require(good, name, value, "must not be zero")
         both = len(self.recorded) == 2
+        about = "has both triads in each row: the key is for another reader"
+        require(both or self.reader != "psins", "reader", self.reader, about)
         about = "leaves one triad: give the other by gyro_columns=[...] or accel_columns=[...]"
         require(both or self.columns is None, "columns", self.columns, about)
         if not self.accel_is_apart:
@@ -256,7 +253,7 @@ class LogConfig:
             several = self.accel_path if isinstance(self.accel_path, list) else [self.accel_path]
             good = len(several) == len(self.files) and all(several)
             require(good, key, value, f"must name {len(self.files)}, one for each file of path")
-        _require_columns(None, self.accel_time_column, "accel_time_column")
+        require_columns(None, self.accel_time_column, "accel_time_column")
 
     def _require_frame(self) -> None:
         """Raise InputError unless the axes, with the signs of the scales, make a right-handed frame
@@ -269,8 +266,8 @@ class LogConfig:
             return
         right = np.linalg.det(matrix_of(self.axes)) * signs[0].prod() > 0
         by = " with the signs of gyro_scale and accel_scale" if np.any(signs[0] < 0) else ""
-        require(bool(right), "axes", self.axes, f"is a mirrored frame{by}: check the signs, or give "
-                "accel_axes as well where the gyros' signs are mirrored")  # fmt: skip
+        about = f"is a mirrored frame{by}: check the signs, or give accel_axes as well where the "
+        require(bool(right), "axes", self.axes, about + "gyros' signs are mirrored")
 
     def _require_plate(self) -> None:
         """Raise InputError unless the plate's angles are stated in one way, or not at all."""
@@ -281,14 +278,9 @@ class LogConfig:
         require_choice("plate_unit", self.plate_unit, PLATE_UNITS)
         require(self.plate_scale != 0, "plate_scale", self.plate_scale, "must not be zero")
         for key in ("plate_column", "heading_column"):
-            _require_column(key, getattr(self, key))
-        last = 0.0
+            require_column(key, getattr(self, key))
         require(self.positions != [], "positions", self.positions, "must name one, or be null")
-        for own in self.positions or []:
-            good = len(own) == 3 and last <= own[0] < own[1]
-            about = "must be [from_s, to_s, angle_deg] each, in order of time, without overlap"
-            require(good, "positions", own, about)
-            last = own[1]
+        require_spans("positions", self.positions or [], "[from_s, to_s, angle_deg]")
         if self.gap_s is not None:
             require_not_negative(self, "gap_s")
             most = f"must be up to {_LONGEST_GAP_S:g}"
@@ -302,6 +294,15 @@ class LogConfig:
         return self.path if isinstance(self.path, list) else [self.path]
 
     @property
+    def each_file(self) -> "list[LogConfig]":
+        """The description of each of the log's files."""
+        other = self.accel_path if isinstance(self.accel_path, list) else [self.accel_path]
+        return [
+            replace(self, path=own, accel_path=other[at % len(other)])
+            for at, own in enumerate(self.files)
+        ]
+
+    @property
     def recorded(self) -> tuple[str, ...]:
         """The triads that were recorded: gyro, accel, or one of them."""
         return tuple(p for p in ("gyro", "accel") if getattr(self, f"{p}_columns") != NONE)
@@ -311,14 +312,16 @@ class LogConfig:
         """Whether the accelerometers are of a file or table of their own."""
         return self.accel_path is not None or self.accel_table is not None
 
-    @property
-    def open_end(self) -> bool:
-        """Whether the rows that are read have no stated last one."""
-        return self.rows is not None and self.rows[-1:] == [None]
-
     def each(self, part: str, key: str) -> np.ndarray:
         """A triad's scale or offset for each of the file's axes, (3,)."""
         return np.broadcast_to(np.asarray(getattr(self, f"{part}_{key}"), float), (3,))
+
+    def counted(self, part: str, values: np.ndarray) -> np.ndarray:
+        """A triad's values (T, 3), or (T, 0), as printed, in their unit: in their own place."""
+        if values.shape[1]:
+            values -= self.each(part, "offset")
+            values *= self.each(part, "scale")
+        return values
 
     @property
     def axes_of_accel(self) -> list[str]:
@@ -337,51 +340,3 @@ class LogConfig:
         if self.bias_limit_deg_per_h is not None:
             return "log.bias_limit_deg_per_h", self.bias_limit_deg_per_h
         return "log.most_bias_deg_per_h", self.most_bias_deg_per_h
-
-
-def row_type(fields: list[str], key: str = "log.dtype") -> np.dtype:
-    """The NumPy type of a row whose fields are name:type each. Raises InputError, naming `key`,
-    where they are not."""
-    found: list[tuple[str, str]] = []
-    for own in fields:
-        name, _, kind = own.rpartition(":")
-        order, bare = ("<", kind) if kind[:1] not in ("<", ">") else (kind[0], kind[1:])
-        good = bare in _ROW_TYPES or _PASSED_OVER.fullmatch(bare) is not None
-        about = "is no name:type, such as w_x:f4; the types are f4, f8, i or u with 1, 2, 4 or 8, "
-        about += "after > where they are big-endian, and V with bytes that are passed over"
-        require(bool(name.strip()) and good, key, own, about)
-        found.append((name.strip(), bare if bare[0] == "V" else order + bare))
-    names = [name for name, _ in found]
-    twice = len(set(names)) < len(names)
-    require(bool(names) and not twice, key, fields, "must be fields of different names")
-    return np.dtype(found)
-
-
-def _require_columns(
-    columns: list[Any] | None, time: Any, time_key: str = "time_column"
-) -> None:
-    """Raise InputError unless columns are names, or positions counted from one."""
-    if columns is not None:
-        six = len(columns) == 6 and len(set(map(str, columns))) == 6
-        require(six, "columns", columns, "must be six: gyro x, y, z, accelerometer x, y, z")
-    times = time if isinstance(time, list) else [] if time is None else [time]
-    good = isinstance(time, list) is (len(times) == 2)
-    require(good, time_key, time, "must be one column, or [seconds, nanoseconds]")
-    for key, given in (("columns", columns or []), (time_key, times)):
-        for name in given:
-            _require_column(key, name)
-
-
-def _require_column(key: str, name: Any) -> None:
-    """Raise InputError unless a column is a name, a position counted from one, or not given."""
-    known = name is None or isinstance(name, str) or (type(name) is int and name > 0)
-    require(known, key, name, "must be a name, or a position counted from one")
-
-
-def _require_paths(files: list[str], angles: list[float] | None) -> None:
-    """Raise InputError unless files are named, once each and with an angle each where there are
-    any."""
-    require(bool(files) and all(files), "path", files, "must name a file")
-    require(len(set(files)) == len(files), "path", files, "names a file twice")
-    about = f"must be {len(files)}, one for each file of path"
-    require(angles is None or len(angles) == len(files), "angles_deg", angles, about)

@@ -1,6 +1,6 @@
 """A recording of an IMU, the form that simulated data and real logs both take."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -55,9 +55,47 @@ class Record:
             require(got == (n,), f"{self.name}: temperature's shape", got, f"must be {(n,)}")
 
     @property
+    def triads(self) -> Mapping[str, np.ndarray]:
+        """The samples of gyro and accel, (T, 3), SI."""
+        return {"gyro": self.gyro, "accel": self.accel}
+
+    @property
     def duration_s(self) -> float:
         """The recording's duration, s."""
         return len(self.gyro) / self.rate_hz
+
+
+@dataclass(frozen=True)
+class TriadRecord:
+    """One triad of a recording on its own clock, which is all that its noise is fitted to: of a
+    sensor that has no other, or whose other one has another clock.
+
+    No heading comes from it: what takes a `Record` has both triads.
+    """
+
+    part: str
+    """gyro or accel"""
+    values: np.ndarray
+    """(T, 3), rad/s or m/s^2, means over the samples' intervals, body axes forward-right-down"""
+    name: str
+    """The recording's name in messages and reports"""
+    plate_angle: np.ndarray
+    """(T,), rad, as in a `Record`"""
+    rate_hz: float
+    """Samples a second"""
+    latitude: float
+    """Latitude, rad"""
+    heading_reference: float | None = None
+    """rad, as in a `Record`"""
+    temperature: np.ndarray | None = None
+    """(T,), of the sensor, as in a `Record`"""
+    notes: tuple[str, ...] = ()
+    """Plain sentences that belong to the results"""
+
+    @property
+    def triads(self) -> Mapping[str, np.ndarray]:
+        """The samples of this triad, (T, 3), SI, by its name."""
+        return {self.part: self.values}
 
 
 SAMPLED = ("gyro", "accel", "plate_angle")
@@ -154,7 +192,7 @@ def true_rate(edges: np.ndarray, rate_hz: float, target_hz: float) -> float:
     return rate_hz * (len(edges) - 1) / float(edges[-1])
 
 
-def require_one_rate(records: Sequence[Record]) -> None:
+def require_one_rate(records: Sequence[Record | TriadRecord]) -> None:
     """Raise InputError where the rates of recordings whose noise is to be pooled differ by more
     than 1%."""
     first = records[0]

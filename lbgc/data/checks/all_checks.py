@@ -68,7 +68,7 @@ def _resting_findings(
 ) -> Iterator[Finding]:
     """The findings on units, frames and biases by the means of a recording at rest."""
     rest = resting(record, config, imu)
-    force = force_finding(rest, config, record.rate_hz)
+    force = force_finding(rest.name, rest.force, rest.latitude, config, record.rate_hz)
     if force is not None:
         yield force
         return
@@ -123,7 +123,11 @@ def _turned_findings(
     rest = own.resting(resting_part)
     sense = sense_finding(own, config)
     fallen = None if sense else level_finding(own)
-    force = None if fallen else force_finding(rest, config, record.rate_hz)
+    force = (
+        None
+        if fallen
+        else force_finding(rest.name, rest.force, rest.latitude, config, record.rate_hz)
+    )
     if fallen is not None:
         yield fallen
     if force is not None:

@@ -100,7 +100,9 @@ def _enough(parts: Sequence[np.ndarray]) -> int | None:
     own = np.ones(n - 1, bool)
     for values in parts:
         own &= (values[1:] == values[:-1]).all(axis=1)
-    alike = max(alike, float(own.mean()))  # neighbouring rows may be equal more often than rows far apart
+    alike = max(
+        alike, float(own.mean())
+    )  # neighbouring rows may be equal more often than rows far apart
     if alike > 0.9:
         return None
     chance = 2 * np.log(n) + np.log(1e7)

@@ -10,7 +10,7 @@ import numpy as np
 from lbgc.data.checks.findings import Finding
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.blocks import blocks
-from lbgc.data.record import Record
+from lbgc.data.record import Record, TriadRecord
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG
 
@@ -131,13 +131,18 @@ def _levels(values: np.ndarray) -> Levels:
     return Levels(number, step if number > 1 else 0.0, ends[0], ends[1])
 
 
-def channels(record: Record, config: LogConfig, imu: ImuModel | None) -> list[Channel]:
-    """The six channels of a recording, gyros first, in the order of the file's axes."""
+def channels(
+    record: Record | TriadRecord, config: LogConfig, imu: ImuModel | None
+) -> list[Channel]:
+    """The channels of a recording, gyros first, in the order of the file's axes."""
     found = []
-    for name, values, axes, unit, scale in (
-        ("gyro", record.gyro, config.axes, "deg/s", DEG),
-        ("accelerometer", record.accel, config.axes_of_accel, "m/s2", 1.0),
+    for part, name, axes, unit, scale in (
+        ("gyro", "gyro", config.axes, "deg/s", DEG),
+        ("accel", "accelerometer", config.axes_of_accel, "m/s2", 1.0),
     ):
+        values = record.triads.get(part)
+        if values is None:
+            continue
         triad = None if imu is None else (imu.gyro if name == "gyro" else imu.accel)
         counts = None if triad is None else triad.counts
         carried = counts is not None and counts.is_carried

@@ -10,7 +10,7 @@ from lbgc.data.checks.findings import Finding
 from lbgc.data.checks.pasted import pasted
 from lbgc.data.checks.printed import Channel, listed
 from lbgc.data.readers.blocks import blocks
-from lbgc.data.record import Record
+from lbgc.data.record import Record, TriadRecord
 
 _FEWEST = 200
 """Samples below which nothing is checked."""
@@ -29,10 +29,10 @@ _LONGEST_PERSISTENCE = 0.9
 """Probability that a value is repeated above which no run of equal values is too long."""
 
 
-def stuck_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
+def stuck_finding(record: Record | TriadRecord, every: Sequence[Channel]) -> Finding | None:
     """The finding that channels print one value throughout, or for longer than their noise allows;
     None where none does."""
-    if len(record.gyro) < _FEWEST:
+    if len(record.plate_angle) < _FEWEST:
         return None
     whole = [c for c in every if _is_dead(c, every)]
     if whole:
@@ -118,10 +118,10 @@ class _Spikes:
         return abs(float(np.sum(self.away))) / n / noise if noise > 0 else np.inf
 
 
-def outliers_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
+def outliers_finding(record: Record | TriadRecord, every: Sequence[Channel]) -> Finding | None:
     """The finding that single samples are far from their neighbours, or that values stand for
     missing ones (-999, 0, 32767); None where there are no such samples."""
-    if len(record.gyro) < _FEWEST:
+    if len(record.plate_angle) < _FEWEST:
         return None
     found = [spikes for c in every if len((spikes := _spikes(c)).rows)]
     if not found:
@@ -195,12 +195,12 @@ def _apart(channel: Channel) -> np.ndarray:
     return np.concatenate(rows) if rows else np.empty(0, int)
 
 
-def pasted_finding(record: Record) -> Finding | None:
-    """The finding that stretches of all six channels occur in the recording twice; None where there
+def pasted_finding(record: Record | TriadRecord) -> Finding | None:
+    """The finding that stretches of all channels occur in the recording twice; None where there
     are none."""
-    if len(record.gyro) < _FEWEST:
+    if len(record.plate_angle) < _FEWEST:
         return None
-    found = pasted(record.gyro, record.accel)
+    found = pasted(*record.triads.values())
     if not found:
         return None
     rows = sum(stretch.rows for stretch in found)
@@ -209,5 +209,6 @@ def pasted_finding(record: Record) -> Finding | None:
         a, b, length = (k / record.rate_hz for k in (one.first, one.again, one.rows))
         said.append(f"{length:.4g} s from {a:.5g} s stand again from {b:.5g} s")
     says = "; ".join(said) + (f"; and {len(found) - 3} more" if len(found) > 3 else "")
-    says += ", to the last digit in all six channels: samples that were never measured"
+    channels = "six" if len(record.triads) > 1 else "three"
+    says += f", to the last digit in all {channels} channels: samples that were never measured"
     return Finding("pasted", f"{record.name}: rows that stand twice", rows, "", says)

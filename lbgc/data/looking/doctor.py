@@ -163,9 +163,8 @@ def _found(own: Sheet, case: _Case) -> bool:
     except InputError as error:
         case.ask(error, ("columns",))
         return False
-    raw = replace(
-        raw, gyro=raw.gyro * raw.config.gyro_scale, accel=raw.accel * raw.config.accel_scale
-    )
+    raw = replace(raw, gyro=raw.config.counted("gyro", raw.gyro),
+                  accel=raw.config.counted("accel", raw.accel))  # fmt: skip
     means = _timed(raw, case)
     _described(means, own, raw.config, case)
     return not any(guess.value is None for guess in case.guesses)

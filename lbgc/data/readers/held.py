@@ -32,17 +32,15 @@ _CHANCE = 0.01
 
 @dataclass(frozen=True)
 class Holds:
-    """How the rows of a log (gyro x, y, z, accelerometer x, y, z) repeat."""
+    """How the rows of a log's triads, gyros, accelerometers or both, repeat."""
 
     columns: tuple[int, ...]
     """The number of rows for which each column regularly holds a sample; 1 where it does not hold
     it"""
-    gyro_share: float
-    """Share of rows at which the gyros hold their sample irregularly"""
-    accel_share: float
-    """The same share of the accelerometers"""
+    shares: dict[str, float]
+    """Share of rows at which each triad holds its sample irregularly, by its name in messages"""
     chance: float
-    """Share of samples at which all six columns repeat by chance"""
+    """Share of samples at which all columns repeat by chance"""
 
     @property
     def times(self) -> int:
@@ -52,25 +50,28 @@ class Holds:
     @property
     def irregular(self) -> bool:
         """Whether so many rows are held irregularly that it matters."""
-        return max(self.gyro_share, self.accel_share) > LEAST_SHARE
+        return max(self.shares.values()) > LEAST_SHARE
 
     @property
     def can_drop(self) -> bool:
         """Whether dropping rows that repeat leaves the sensor's own samples."""
-        together = abs(self.gyro_share - self.accel_share) < 0.02
+        together = max(self.shares.values()) - min(self.shares.values()) < 0.02
         return together and self.chance < _CHANCE and min(self.columns) == max(self.columns)
 
 
 def holds(gyro: np.ndarray, accel: np.ndarray) -> Holds:
-    """Find how the rows of two triads, (T, 3) each, repeat."""
-    triads = gyro, accel
-    columns = _regular([own[1:] == own[:-1] for own in triads])
-    shares = [
-        _share(own) if set(some) == {1} else (0.0, 0.0)
-        for own, some in zip(triads, (columns[:3], columns[3:]), strict=True)
-    ]
-    (of_gyro, one), (of_accel, two) = shares
-    return Holds(columns, of_gyro, of_accel, one * two)
+    """Find how the rows of two triads, (T, 3) each, or (T, 0) for one that was not recorded,
+    repeat."""
+    triads = {
+        name: own for name, own in (("gyros", gyro), ("accelerometers", accel)) if own.shape[1]
+    }
+    columns = _regular([own[1:] == own[:-1] for own in triads.values()])
+    shares = {
+        name: _share(own) if set(columns[3 * k : 3 * k + 3]) == {1} else (0.0, 0.0)
+        for k, (name, own) in enumerate(triads.items())
+    }
+    chance = float(np.prod([chance for _, chance in shares.values()]))
+    return Holds(columns, {name: share for name, (share, _) in shares.items()}, chance)
 
 
 def _regular(same: Sequence[np.ndarray]) -> tuple[int, ...]:

@@ -150,9 +150,7 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
         yield of_sheet(own, outputs.shown(file.name), replace(config, heading_deg=heading))
 
 
-def of_sheet(
-    own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | None = None
-) -> Raw:
+def of_sheet(own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | None = None) -> Raw:
     """The recording in a sheet of named columns. parts : the triads that it has; None: all that
     were recorded."""
     which = picked(own, config, parts)

@@ -41,8 +41,8 @@ def without_printed_twice(raw: Raw) -> Raw:
 def sampled(
     name: str, gyro: np.ndarray, accel: np.ndarray, rate_hz: float, repeats: str
 ) -> tuple[np.ndarray, np.ndarray, float, list[str]]:
-    """The sensors' own samples behind the rows of two triads, (T, 3) each, their rate, Hz, and
-    notes of what was done.
+    """The sensors' own samples behind the rows of two triads, (T, 3) each, or (T, 0) for one that
+    was not recorded, their rate, Hz, and notes of what was done.
 
     rate_hz : of the rows; repeats : auto, drop or keep. Raises InputError where rows are held
     irregularly and `repeats` is auto, or where they cannot be dropped.
@@ -60,7 +60,8 @@ def sampled(
             f"held samples: {name}, where {_held(found)}, was read at {rate:.6g} Hz, the rate "
             f"of its samples, not at the log's {rate_hz:.6g} Hz"
         )
-        return values[:, :3], values[:, 3:], rate, [note]
+        width = gyro.shape[1]
+        return values[:, :width], values[:, width:], rate, [note]
     if found.irregular and (repeats == "auto" or not found.can_drop):
         _refuse(name, found)
     if repeats == "auto" or not found.can_drop:
@@ -86,19 +87,21 @@ def _held(found: Holds) -> str:
     own = sorted(set(found.columns))
     if len(own) == 1:
         return f"each row is printed {own[0]} times"
-    gyro, accel = (
-        " and ".join(map(str, sorted(set(part)))) for part in (found.columns[:3], found.columns[3:])
+    first, *others = (
+        (name, " and ".join(map(str, sorted(set(found.columns[3 * k : 3 * k + 3])))))
+        for k, name in enumerate(found.shares)
     )
-    return f"the gyros' values hold for {gyro} rows, the accelerometers' for {accel}"
+    more = "".join(f", the {name}' for {rows}" for name, rows in others)
+    return f"the {first[0]}' values hold for {first[1]} rows{more}"
 
 
 def _refuse(name: str, found: Holds) -> None:
     """Raise the InputError for rows that are held irregularly."""
-    gyro, accel = found.gyro_share, found.accel_share
+    shares = ", ".join(f"{triad} {share:.0%}" for triad, share in found.shares.items())
     about = (
-        f"of {name} repeat the values of the row before (gyros {gyro:.0%}, accelerometers "
-        f"{accel:.0%}), more than chance makes them and not regularly: the logger is faster than "
-        "the sensor, and the noise would look stronger than it is"
+        f"of {name} repeat the values of the row before ({shares}), more than chance makes them "
+        "and not regularly: the logger is faster than the sensor, and the noise would look "
+        "stronger than it is"
     )
     advice = (
         "log.repeats=drop leaves them out"
@@ -107,6 +110,6 @@ def _refuse(name: str, found: Holds) -> None:
         "repeat from a sample: log each sample once"
     )
     raise InputError(
-        "log.repeats", f"{max(gyro, accel):.0%} of the rows", "",
+        "log.repeats", f"{max(found.shares.values()):.0%} of the rows", "",
         f"{about}; {advice}, log.repeats=keep reads each row as a sample",
     )  # fmt: skip

@@ -15,7 +15,7 @@ _SHORT = 10
 """Samples that may be missing in one place without the log being refused."""
 _FEW = 0.01
 """The share of all samples that may be missing in such places."""
-_SHARE = 0.1
+SHARE = 0.1
 """The least length of a piece that becomes a recording, as a share of the longest piece."""
 _AGREE = 0.01
 """The relative difference up to which a stated rate and that of the stamps agree."""
@@ -33,6 +33,8 @@ class EvenPieces:
     """The rows of each piece"""
     notes: tuple[str, ...] = ()
     """What was assumed of the clock, plain sentences"""
+    unit_s: float | None = None
+    """The unit of the stamps, s; None where the clock is not by stamps"""
 
 
 def stamps_of(name: str, columns: Sequence[np.ndarray]) -> np.ndarray:
@@ -86,11 +88,11 @@ def timing(
     pieces, more = _pieces(name, relative, seconds, found, rate, gaps)
     notes += more + _stamp_notes(name, found, rate)
     if stated_hz is None:
-        return EvenPieces(rate, pieces, tuple(notes))
+        return EvenPieces(rate, pieces, tuple(notes), seconds)
     agrees = abs(rate / stated_hz - 1) < _AGREE
     about = f"but {name}'s time says {rate:.5g} Hz; log.time_column=none takes no notice of it"
     require(agrees, "log.rate_hz", stated_hz, about)
-    return EvenPieces(stated_hz, pieces, tuple(notes))
+    return EvenPieces(stated_hz, pieces, tuple(notes), seconds)
 
 
 def _stamp_notes(name: str, found: Instants, rate: float) -> list[str]:
@@ -152,7 +154,7 @@ def _pieces(
         )
         return (longest,), notes
     most = max(piece.stop - piece.start for piece in every)
-    kept = [piece for piece in every if piece.stop - piece.start >= max(rate, _SHARE * most)]
+    kept = [piece for piece in every if piece.stop - piece.start >= max(rate, SHARE * most)]
     left_out = len(edges) - 1 - len(kept)
     notes.append(
         f"gaps: {name} was read in {len(kept)} pieces (log.gaps=split); {left_out} of less than a "

@@ -1,0 +1,50 @@
+"""The checks of one triad's recording by itself: of its values, of its rest, and of its unit where
+gravity tells that. Frames, biases against Earth's rate and the gyros' unit take both triads."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from lbgc.data.checks.findings import Finding
+from lbgc.data.checks.moved import moved_finding
+from lbgc.data.checks.plausible import force_finding
+from lbgc.data.checks.printed import channels, counts_finding, rail_finding
+from lbgc.data.checks.spoiled import outliers_finding, pasted_finding, stuck_finding
+from lbgc.data.logconfig import LogConfig
+from lbgc.data.record import TriadRecord
+
+_ALONE = {
+    "gyro": "gyros alone were recorded: their unit, their axes and their bias cannot be checked "
+    "against the vertical",
+    "accel": "accelerometers alone were recorded: that they rest at 1 g was checked, their axes "
+    "and which of them points down were not",
+}
+
+
+def checked_alone(record: TriadRecord, config: LogConfig) -> TriadRecord:
+    """The recording of one triad with the findings of its checks among its notes. Raises InputError
+    where a check refuses it and `config.accept` does not name that check."""
+    notes = [found.settled(config.accept) for found in _findings(record, config)]
+    return replace(record, notes=(*record.notes, *notes))
+
+
+def alone_note(record: TriadRecord) -> str:
+    """The note of what is not checked of a log that has no other triad."""
+    return f"one triad: of {record.name} {_ALONE[record.part]}; noise alone is fitted"
+
+
+def _findings(record: TriadRecord, config: LogConfig) -> Iterator[Finding]:
+    """The findings of the checks that one triad allows."""
+    every = channels(record, config, None)
+    found = [
+        stuck_finding(record, every),
+        outliers_finding(record, every),
+        rail_finding(record.name, every),
+        pasted_finding(record),
+        counts_finding(every),
+    ]
+    if record.part == "gyro":
+        found.append(moved_finding(record, north=False))
+    else:
+        mean = record.values.mean(axis=0)
+        found.append(force_finding(record.name, mean, record.latitude, config, record.rate_hz))
+    yield from (one for one in found if one is not None)
