@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.errors import InputError
+from lbgc.frames import AXES as AXES
 from lbgc.sensor.fitting.counts import ENOUGH, count_size
 from lbgc.sensor.fitting.goodness import bartlett
 
-AXES = ("forward", "right", "down")
 PARTS = ("gyro", "accel")
 _EIGHTHS = 8
 """Stretches of a recording whose powers are compared."""
