@@ -16,6 +16,7 @@ from lbgc.data.readers.timing import EvenPieces, timing
 from lbgc.data.record import Record
 from lbgc.data.rests import without_flicker
 from lbgc.errors import InputError, require
+from lbgc.frames import AXES
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
@@ -170,6 +171,7 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
         unit=config.unit,
         session=config.session,
         temperature=raw.temperature,
+        axis=AXES.index(config.plate_axis),
         notes=notes,
     )
     return record if raw.plate is None else without_flicker(record)
