@@ -16,7 +16,7 @@ from lbgc.data.readers.timing import EvenPieces, timing
 from lbgc.data.record import Record
 from lbgc.data.rests import without_flicker
 from lbgc.errors import InputError, require
-from lbgc.frames import AXES
+from lbgc.frames import AXES, DOWN
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
@@ -52,7 +52,7 @@ def _of_files(config: LogConfig, imu: ImuModel | None) -> tuple[Record, LogConfi
     InputError where a file holds several recordings, or cannot be one of this recording's."""
     records, raws = [], []
     for path in config.files:
-        own = replace(config, path=path, angles_deg=None, gap_s=None)
+        own = replace(config, path=path, angles_deg=None, gap_s=None, plate_axis=AXES[DOWN])
         read_from = list(READERS[config.reader](find(path), own))
         pieces = [record for raw in read_from for record in _records(raw)]
         require(len(pieces) == 1, "log.path", path, "holds several recordings, not one position")

@@ -12,7 +12,7 @@ from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.raw import Raw
 from lbgc.data.record import Record
 from lbgc.errors import InputError, require
-from lbgc.frames import wrap
+from lbgc.frames import AXES, wrap
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG
 
@@ -131,7 +131,9 @@ def joined(
             f"positions: {len(records)} files are one recording of {lasts:.6g} s, the time between "
             f"them included: windows_s=[{lasts:.6g}] holds all of it"
         ] = None
-    return replace(first, name=name, gyro=gyro, accel=accel, plate_angle=angles, notes=tuple(notes))
+    axis = AXES.index(config.plate_axis)
+    return replace(first, name=name, gyro=gyro, accel=accel, plate_angle=angles, axis=axis,
+                   notes=tuple(notes))  # fmt: skip
 
 
 def _gap(

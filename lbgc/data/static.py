@@ -39,6 +39,8 @@ class Static:
     """(R,), the power-up that each recording is from; None where that is not known"""
     temperature: np.ndarray | None = None
     """(R, n), of the sensor, K or degrees Celsius; None unless all recordings have one"""
+    turned: bool = False
+    """Whether an even turn was taken off, whose scale errors look like a bias"""
 
 
 def require_steady(static: Static) -> None:

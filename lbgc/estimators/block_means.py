@@ -264,7 +264,10 @@ def levelled(
     angle = mean(samples)
     gyro, accel = mean(windows.gyro), mean(windows.accel)
     interval = size / windows.rate_hz
-    base = tilt_of(unrepeated(angle), accel, windows.axis)
+    still = accel
+    if windows.axis != DOWN:  # there gravity itself turns, and a slew's angle is hardly known
+        still = np.where(np.any(usable(angle), axis=0)[..., None], accel, np.nan)
+    base = tilt_of(unrepeated(angle), still, windows.axis)
     body = np.concatenate([gyro, accel], axis=-1)
     none = np.isnan(body).all(axis=-1)
     start = windows.start_s * (not timeless)

@@ -50,9 +50,18 @@ def white_crlb(N: float, latitude: float, duration_s: float) -> float:
 
 def crlb(told: Information) -> float:
     """The van Trees bound: RMS over headings of the least standard deviation, rad; NaN above 6
-    degrees."""
+    degrees, or where errors are not linear."""
     rms = float(np.sqrt(small_errors(told)))
-    return rms if rms < AS_LENGTHS else float("nan")
+    return rms if rms < AS_LENGTHS and is_linear(told) else float("nan")
+
+
+def is_linear(told: Information) -> bool:
+    """Whether a heading's errors are linear in the data's. At headings along which J is least, what
+    J tells across them bends log p by its own share, of order sqrt(largest)/smallest eigenvalue:
+    the heading's standard deviation where both are equal, and more about a level axis, along which
+    a bias stays."""
+    least, most = np.linalg.eigvalsh(told.J[0])
+    return bool(np.sqrt(most) < AS_LENGTHS * least)
 
 
 def expected_floor(told: Information, draws: int = DRAWS) -> float:

@@ -92,6 +92,13 @@ class Turning:
         at = self.across.index(DOWN)
         return float(fit.found[at]), -EARTH_RATE * float(np.sin(self.latitude)), fit.sigma[at]
 
+    def chi_about(self, axis: int) -> float:
+        """The chi-square of rates that turn by the stated angles about this axis, along which they
+        stay."""
+        own = replace(self, axis=axis)
+        rate, sigma = self.rate[:, axis], self.noise[:, axis]
+        return own.chi(1.0) + float(np.sum(((rate - rate.mean()) / sigma) ** 2))
+
     @property
     def tolerance(self) -> float:
         """The difference of that part from Earth's own, rad/s, which scale factors and a lean may
@@ -233,6 +240,14 @@ def sense_finding(own: Turning, config: LogConfig) -> Finding | None:
     """The finding that Earth's rate, or gravity on a base that leans, turns otherwise than the
     plate's angles say: the other way, or as if they were of the other unit; None where neither
     does, or where it cannot be told."""
+    key, value = _stated(own, config)
+    if own.axis != DOWN:
+        level = [k for k in range(3) if k != DOWN and own.falls(k) < _STRAY]
+        axis = min(level, key=own.chi_about, default=own.axis)
+        if own.chi_about(own.axis) > _RATIO * own.chi_about(axis) + _EVIDENCE:
+            says = f"{own.name}: over these positions the rates turn about the {AXES[axis]} axis, "
+            says += f"and not about {AXES[own.axis]}; log.plate_axis={AXES[axis]}"
+            return Finding("turned", key, value, "", says)
     chi = own.chi(1.0)
     best, by = min(_OTHERS, key=own.chi), "the rates turn"
     least = own.chi(best)
@@ -240,7 +255,6 @@ def sense_finding(own: Turning, config: LogConfig) -> Finding | None:
         best, by = min(_OTHERS, key=own.lean_left), "the lean turns"
         if not own.lean_left(1.0) > max(_LEANS, _MUCH * own.lean_left(best)):
             return None
-    key, value = _stated(own, config)
     says = f"{own.name}: over these positions {by} {_OTHERS[best]}"
     if best == -1.0:
         flip = f"log.plate_scale={-config.plate_scale:g}"
