@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lbgc.commands import CONF, run_main
-from lbgc.data import curves, finished_fits, logs
+from lbgc.data import course, curves, finished_fits, logs
 from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
@@ -131,7 +131,7 @@ def main(config: FitConfig) -> Path:
     if static.heading is not None and len(static.heading) >= FEWEST:
         calibration = _calibrated(static)
     sizes = bias_sizes(static, fits)
-    if calibration is not None:
+    if calibration is not None or static.turned:
         del sizes["gyro"]
     yaml = sensor_yaml(config.name, static, fits, calibration, sizes, warmth)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
@@ -327,16 +327,14 @@ def _each_axis(
 
 
 def _read(config: FitConfig) -> Static:
-    """The resting recordings that the configuration names. Raises InputError where the plate turns
-    or they are shorter than a minute."""
+    """The resting recordings that the configuration names, those of plates that turn without their
+    turns. Raises InputError where they are shorter than a minute."""
     session = None
     if config.log is not None:
         accept = [*config.log.accept, *(["outliers"] if config.robust else [])]
         records = list(logs.read(replace(config.log, accept=accept), north=False))
         require_one_rate(records)
-        for note in dict.fromkeys(note for record in records for note in record.notes):
-            print(note)
-        name, key = config.log.name, "log"
+        name = config.log.name
         if config.log.session is not None:
             session = np.zeros(len(records), int)
     else:
@@ -344,9 +342,13 @@ def _read(config: FitConfig) -> Static:
         dataset = Dataset.open_finished(config.data)
         records = list(dataset.records(np.arange(min(len(dataset), 64))))
         session = dataset.label("session")[: len(records)]
-        name, key = shown(dataset.path), "data"
-    still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
-    require(still, key, name, "has a plate that turns; noise is fitted to resting recordings")
+        name = shown(dataset.path)
+    turned = any(map(course.turns_evenly, records))
+    parts = [course.resting_parts(record) for record in records]
+    records = [one for own in parts for one in own]
+    session = None if session is None else np.repeat(session, [len(own) for own in parts])
+    for note in dict.fromkeys(note for record in records for note in record.notes):
+        print(note)
     headings = [r.heading_reference for r in records]
     first = round(config.skip_s * records[0].rate_hz)
     n, longest = (f(len(r.gyro) for r in records) for f in (min, max))
@@ -372,6 +374,7 @@ def _read(config: FitConfig) -> Static:
         None if any(h is None for h in headings) else np.array(headings, dtype=float),
         session,
         np.stack(warmth) if len(warmth) == len(records) else None,
+        turned,
     )
 
 

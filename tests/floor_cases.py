@@ -16,7 +16,7 @@ from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimate, Estimator
 from lbgc.estimators.floor import floor
-from lbgc.frames import euler_to_matrix, wrap
+from lbgc.frames import AXES, across, euler_to_matrix, rotation, wrap
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.errors import Surroundings
 from lbgc.sensor.imu import ImuModel, Triad
@@ -92,13 +92,14 @@ def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Labelled:
     psi, toward = rng.uniform(-np.pi, np.pi, (2, count))
     lean = np.deg2rad(case.lean_deg)
     base = euler_to_matrix(lean * np.cos(toward), lean * np.sin(toward), psi)
-    plate = mean(euler_to_matrix(0.0, 0.0, angle))
+    axis = AXES.index(case.protocol.axis)
+    plate, (i, j) = mean(rotation(angle, axis)), across(axis)
     c_nb = np.einsum("wij,njk->wnik", base, plate)
     omega = np.einsum("wnij,i->wjn", c_nb, earth_rate_ned(LATITUDE))
-    omega[:, 2] += mean(rate)
+    omega[:, axis] += mean(rate)
     force = np.einsum("wnij,i->wjn", c_nb, [0.0, 0.0, -normal_gravity(LATITUDE)])
-    force[:, 0] -= ARM_M * mean(rate**2)
-    force[:, 1] += ARM_M * mean(change)
+    force[:, i] -= ARM_M * mean(rate**2)
+    force[:, j] += ARM_M * mean(change)
     field = np.einsum("wnij,i->wjn", c_nb, imu.field_ned)
     felt = replace(imu.warming, force=force, field=field)
     late = 0.5 * imu.dt * mean(rate)  # an encoder is read at a sample's end
@@ -109,6 +110,7 @@ def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Labelled:
         rate_hz=1 / h,
         latitude=np.full(count, LATITUDE),
         start_s=np.zeros(count),
+        axis=axis,
     )
     return Labelled(windows=windows, heading=psi, heading_reference=psi)
 

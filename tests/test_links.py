@@ -326,7 +326,7 @@ def test_a_pictures_place(tmp_path, monkeypatch):
 def test_a_damaged_picture_is_drawn_again(tmp_path, monkeypatch):
     drawn: list[Path] = []
 
-    def draw(out: Path, _: SceneConfig) -> None:
+    def draw(out: Path, *_: object) -> None:
         drawn.append(out)
         png(tmp_path / "new.png")
         (tmp_path / "new.png").replace(out)

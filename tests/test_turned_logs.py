@@ -464,11 +464,11 @@ def test_a_sensor_that_was_moved_between_positions_is_refused(tmp_path):
 
 
 def test_a_turn_about_another_axis_is_refused(tmp_path):
-    """Up and down: over a horizontal axis."""
+    """Up and down: over a horizontal axis, which is then asked for."""
     values, _, spans = bench([0.0, 360.0])
     up = write(tmp_path / "up.csv", values[slice(*spans[0])])
     down = write(tmp_path / "down.csv", values[slice(*spans[1])] * [1, -1, -1, 1, -1, -1])
-    with pytest.raises(InputError, match="about an axis that is not its down one"):
+    with pytest.raises(InputError, match=r"than its down one; log.plate_axis=forward or right"):
         one(config([up, down], angles_deg=[0.0, 180.0]))
 
 

@@ -23,6 +23,7 @@ from lbgc.errors import (
     require_not_negative,
     require_positive,
 )
+from lbgc.frames import AXES, DOWN
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
 GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
@@ -143,13 +144,16 @@ class LogConfig:
     heading_sigma_deg: float | None = None
     """1 sigma of that reference, degrees; null: it is not known."""
     plate_column: Any = None
-    """The column, by name or position, of the plate's angle at each sample's end, clockwise seen
-    from above."""
+    """The column, by name or position, of the plate's angle at each sample's end, by the right-hand
+    rule: about down, clockwise seen from above."""
     plate_unit: str = "auto"
     """Its unit, deg or rad; auto: as the column's name says, deg where it says nothing."""
     plate_scale: float = 1.0
     """Units of the plate's angle in one count of its column; negative where it counts
     counter-clockwise."""
+    plate_axis: str = "down"
+    """The body's axis about which the plate turns: forward, right or down. About a level one the
+    body is level at angle zero."""
     positions: list[list[float]] | None = None
     """Or the plate's positions, [[from_s, to_s, angle_deg], ...] in order of time, in seconds since
     the first sample; between them it turns."""
@@ -276,6 +280,10 @@ class LogConfig:
         about = f"and {ways[-1]} both state the plate's angles: give one" if ways else ""
         require(len(ways) < 2, ways[0] if ways else "", "given", about)
         require_choice("plate_unit", self.plate_unit, PLATE_UNITS)
+        require_choice("plate_axis", self.plate_axis, AXES)
+        meant = bool(ways) or self.plate_axis == AXES[DOWN]
+        about = "needs the plate's angles: plate_column, positions, or angles_deg"
+        require(meant, "plate_axis", self.plate_axis, about)
         require(self.plate_scale != 0, "plate_scale", self.plate_scale, "must not be zero")
         for key in ("plate_column", "heading_column"):
             require_column(key, getattr(self, key))

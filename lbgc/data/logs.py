@@ -21,6 +21,7 @@ from lbgc.data.readers.timing import EvenPieces, timing
 from lbgc.data.record import Record, TriadRecord
 from lbgc.data.rests import without_flicker
 from lbgc.errors import InputError, require
+from lbgc.frames import AXES, DOWN
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
@@ -123,7 +124,8 @@ def _of_files(config: LogConfig, imu: ImuModel | None) -> _Recording:
     """The one recording whose positions are files of their own. Raises InputError where a file
     holds several recordings, or cannot be one of this recording's."""
     records, raws = [], []
-    for file in replace(config, angles_deg=None, gap_s=None).each_file:
+    plain = replace(config, angles_deg=None, gap_s=None, plate_axis=AXES[DOWN])
+    for file in plain.each_file:
         pieces = list(_of_file(file))
         require(len(pieces) == 1, "log.path", file.path, "holds several recordings, not one "
                 "position")  # fmt: skip
@@ -322,6 +324,7 @@ def _fields(raw: Raw, rate: float, notes: tuple[str, ...]) -> dict[str, Any]:
         "unit": config.unit,
         "session": config.session,
         "temperature": raw.temperature,
+        "axis": AXES.index(config.plate_axis),
         "notes": notes,
     }
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from lbgc.errors import InputError, require
+from lbgc.frames import AXES, DOWN
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,9 @@ class Record:
     """The sensor's name, where the log states it"""
     session: str | None = None
     """The power-up's name, likewise"""
+    axis: int = DOWN
+    """The body's axis about which the plate turns, by the right-hand rule: its number in
+    `lbgc.frames.AXES`"""
     notes: tuple[str, ...] = ()
     """Plain sentences that belong to the recording's results: how its clock was read, what of its
     frame could not be checked."""
@@ -50,6 +54,7 @@ class Record:
         for name, shape in (("gyro", (n, 3)), ("accel", (n, 3)), ("plate_angle", (n,))):
             got = getattr(self, name).shape
             require(got == shape, f"{self.name}: {name}'s shape", got, f"must be {shape}")
+        require(self.axis in range(3), f"{self.name}: axis", self.axis, f"must be 0 to 2: {AXES}")
         if self.temperature is not None:
             got = self.temperature.shape
             require(got == (n,), f"{self.name}: temperature's shape", got, f"must be {(n,)}")

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lbgc.errors import InputError
+from lbgc.frames import AXES as AXES
 from lbgc.sensor.fitting.counts import ENOUGH, count_size
 from lbgc.sensor.fitting.goodness import bartlett
 
-AXES = ("forward", "right", "down")
 PARTS = ("gyro", "accel")
 _EIGHTHS = 8
 """Stretches of a recording whose powers are compared."""
@@ -39,6 +39,8 @@ class Static:
     """(R,), the power-up that each recording is from; None where that is not known"""
     temperature: np.ndarray | None = None
     """(R, n), of the sensor, K or degrees Celsius; None unless all recordings have one"""
+    turned: bool = False
+    """Whether an even turn was taken off, whose scale errors look like a bias"""
 
 
 def require_steady(static: Static) -> None:

@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.estimators import circle, reduced_order, velocity_errors
-from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.estimate import Estimate, refusal, require_down
 from lbgc.estimators.least_squares import check
 from lbgc.estimators.sway_noise import BLOCKS, variance
 from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
@@ -156,7 +156,7 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.
     law = reduced_order.of_gyro(imu, when)
     start, walk = reduced_order.turning(imu, when)
     by_rate = start + walk * when.duration_s / 2
-    turning = np.mean(windows.gyro[..., 2], axis=1)[:, None] ** 2 * by_rate
+    turning = np.mean(windows.gyro[..., windows.axis], axis=1)[:, None] ** 2 * by_rate
     every = np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS
     return np.sqrt(turning), np.asarray(every)
 
@@ -252,6 +252,7 @@ _DIFFERENCES = _Form(_differences, _undifferenced)
 def _check(name: str, windows: Windows) -> None:
     """Raise InputError where windows cannot be answered, or have fewer than 50 samples."""
     check(name, windows, whole=True)
+    require_down(name, windows)
     samples = windows.gyro.shape[1]
     if samples < _LEAST_SAMPLES:
         about = f"samples a window; it takes {_LEAST_SAMPLES} or more, fast enough to see the sway"

@@ -113,12 +113,13 @@ def _turned_findings(
             first[one.check] = one
     yield from first.values()
     moved = (moved_finding(part, north, TURNED) for part in parts)
-    resting_part = resting(parts[0], config, imu)
+    level_part = found[0].level_of(record) if found else record
+    resting_part = resting(level_part, config, imu)
     felt = felt_finding(record, found, config, resting_part.limit)
     yield from (one for one in (felt, next(filter(None, moved), None)) if one is not None)
     own = turning(record, found, imu)
     if own is None:
-        yield from _resting_findings(parts[0], config, imu, north)
+        yield from _resting_findings(level_part, config, imu, north)
         return
     rest = own.resting(resting_part)
     sense = sense_finding(own, config)
@@ -133,7 +134,7 @@ def _turned_findings(
     if force is not None:
         yield force
         return
-    frames = Frames(rest, motions(parts[0]) if found else [])
+    frames = Frames(rest, motions(level_part) if found else [])
     # The sense of a felt turn, or of Earth's rate in a right-handed frame, tells the gyros' signs
     # better than their vertical rate does, in which a bias may hide.
     told = is_told(own)
