@@ -171,7 +171,11 @@ def _triad_records(raw: Raw) -> Iterator[TriadRecord]:
     about = "is for gyros and accelerometers both: noise of one triad is fitted to a log at rest"
     require(not turned, "log.positions", turned, about)
     for own in _pieces(*_timed(raw)):
-        yield _of_a_triad(own, _fields(own.raw, own.rate_hz, own.notes))
+        record = _of_a_triad(own, _fields(own.raw, own.rate_hz, own.notes))
+        still = bool(np.ptp(record.plate_angle) < PLATE)
+        require(still, "log.plate_column", raw.config.plate_column, f"turns in {own.raw.name}, and "
+                "noise of one triad is fitted to a log at rest")  # fmt: skip
+        yield record
 
 
 def _of_a_triad(own: "_Piece", fields: Mapping[str, Any]) -> TriadRecord:
