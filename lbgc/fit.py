@@ -307,7 +307,7 @@ def _each_axis(
 ) -> dict[str, list[Fit]]:
     """The fits of all axes of these triads with these flicker corners, s."""
     series = {
-        (part, axis): np.ascontiguousarray(getattr(static, part)[:, :, axis])
+        (part, axis): getattr(static, part)[:, :, axis]
         for part in parts
         for axis in range(3)
     }
@@ -365,14 +365,19 @@ def _read(config: FitConfig) -> Static:
     warmth = [r.temperature[first:n] for r in records if r.temperature is not None]
     return Static(
         name,
-        np.stack([r.gyro[first:n] for r in records]),
-        np.stack([r.accel[first:n] for r in records]),
+        _stacked([r.gyro[first:n] for r in records]),
+        _stacked([r.accel[first:n] for r in records]),
         1 / records[0].rate_hz,
         records[0].latitude,
         None if any(h is None for h in headings) else np.array(headings, dtype=float),
         session,
         np.stack(warmth) if len(warmth) == len(records) else None,
     )
+
+
+def _stacked(values: list[np.ndarray]) -> np.ndarray:
+    """Arrays of one shape as one, (R, *shape); of a single one no copy is made."""
+    return values[0][None] if len(values) == 1 else np.stack(values)
 
 
 if __name__ == "__main__":

@@ -34,17 +34,33 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     Where it is not (the noise is fitted, the sensor calibrated), faults that matter only to a
     heading become notes.
     """
+    yield from checked(unchecked(config, imu), config, imu, north)
+
+
+def unchecked(config: LogConfig, imu: ImuModel | None = None) -> list[tuple[Record, LogConfig]]:
+    """A log's recordings before anything was checked, each with its configuration as its file's
+    header or name completed it."""
     if config.angles_deg is not None:
-        records = [_of_files(config, imu)]
-    else:
-        records = [
-            (record, raw.config)
-            for file in config.files
-            for raw in READERS[config.reader](find(file), replace(config, path=file))
-            for record in _records(raw)
-        ]
+        return [_of_files(config, imu)]
+    return [
+        (record, raw.config)
+        for file in config.files
+        for raw in READERS[config.reader](find(file), replace(config, path=file))
+        for record in _records(raw)
+    ]
+
+
+def checked(
+    records: Sequence[tuple[Record, LogConfig]],
+    config: LogConfig,
+    imu: ImuModel | None = None,
+    north: bool = True,
+) -> list[Record]:
+    """The recordings that `unchecked` gives, checked as `read` does."""
+    placed = all(math.isfinite(record.latitude) for record, _ in records)
+    require(placed or not north, "log.latitude", None, "must be given for this log")
     found = [all_checks.checked(record, own, imu, north) for record, own in records]
-    yield from all_checks.together(_told_apart(found), config, north)
+    return all_checks.together(_told_apart(found), config, north)
 
 
 def _of_files(config: LogConfig, imu: ImuModel | None) -> tuple[Record, LogConfig]:
@@ -150,8 +166,6 @@ def clock_of(raw: Raw) -> EvenPieces:
 def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
     """The record of one piece at this rate, Hz, its units and axes converted."""
     config = raw.config
-    require(config.latitude is not None, "log.latitude", None, "must be given for this log")
-    assert config.latitude is not None
     for key, column in (("plate_column", raw.plate), ("heading_column", raw.heading)):
         given = getattr(config, key)
         about = f"is not read from {raw.name}: log.reader={config.reader} has no further columns"
@@ -172,7 +186,7 @@ def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
         accel=accel,
         plate_angle=angle,
         rate_hz=rate,
-        latitude=config.latitude * DEG,
+        latitude=math.nan if config.latitude is None else config.latitude * DEG,
         heading_reference=_reference(raw, angle),
         reference_sigma=None if sigma is None else sigma * DEG,
         unit=config.unit,
@@ -227,4 +241,4 @@ def _force_factor(raw: Raw, rate_hz: float) -> float:
     return factor
 
 
-__all__ = ["LogConfig", "columns", "read"]
+__all__ = ["LogConfig", "checked", "columns", "read", "unchecked"]

@@ -45,7 +45,8 @@ def fitted(
     workers = min(workers, len(series))
     if workers == 1:
         for name, one in series.items():
-            yield name, _fit(one, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
+            own = np.ascontiguousarray(one)
+            yield name, _fit(own, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
         return
     said = get_context("spawn").Queue()
     with _one_thread_each(), pool(workers, _start, said) as own:
