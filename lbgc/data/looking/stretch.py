@@ -19,6 +19,8 @@ _BLIP = 3
 """Blocks that a knock takes, at most, without ending a stretch."""
 _TURNS = 0.03
 """Share of the fastest motion's rate by which the rates of two rests differ at most."""
+_SHAKES = 0.5
+"""The turn that a knock leaves, over the noise within it, at most."""
 _MOST = 0.02
 """The share of the log that the rest must lack for it to be cut."""
 
@@ -49,7 +51,7 @@ def rest(gyro: np.ndarray, accel: np.ndarray, rate_hz: float) -> Stretch:
     moves = ~still
     if not moves.any():
         return whole
-    runs = _at_rest(_runs(still), rate)
+    runs = _joined(_at_rest(_runs(still), rate), rate, noise)
     first, last = max(runs, key=lambda run: run[1] - run[0], default=(0, count))
     if last - first > (1 - _MOST) * count:
         return Stretch(0, len(gyro), float(moves.sum()) * size / rate_hz)
@@ -97,13 +99,23 @@ def _at_rest(runs: list[tuple[int, int]], rate: np.ndarray) -> list[tuple[int, i
 
 
 def _runs(still: np.ndarray) -> list[tuple[int, int]]:
-    """Stretches of still blocks, (first, after the last); single knocks do not end one."""
+    """Stretches of still blocks, (first, after the last)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _joined(
+    runs: list[tuple[int, int]], rate: np.ndarray, noise: np.ndarray
+) -> list[tuple[int, int]]:
+    """The stretches with those joined that single knocks part: a knock shakes, and leaves no turn
+    behind it. rate, noise : (K, 3), means of blocks and standard deviations within them."""
     joined: list[tuple[int, int]] = []
     for first, last in runs:
         if joined and first - joined[-1][1] <= _BLIP:
-            joined[-1] = (joined[-1][0], last)
-        else:
-            joined.append((first, last))
-    return [(int(first), int(last)) for first, last in joined]
+            begin, end = joined[-1]
+            turn = (rate[end:first] - rate[begin:end].mean(axis=0)).sum(axis=0)
+            if np.linalg.norm(turn) < _SHAKES * np.linalg.norm(noise[end:first]):
+                joined[-1] = (begin, last)
+                continue
+        joined.append((first, last))
+    return joined

@@ -43,7 +43,7 @@ def fitted(
     small = sum(one.size for one in series.values()) < SMALL
     workers = processes or (1 if small else cores.count())
     workers = min(workers, len(series))
-    if workers == 1:
+    if workers == 1 and small:  # a process of its own keeps what a long one takes apart
         for name, one in series.items():
             own = np.ascontiguousarray(one)
             yield name, _fit(own, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
