@@ -128,11 +128,14 @@ def main(config: FitConfig) -> Path:
     (directory / "imu").mkdir(exist_ok=True)
     print(report(static, fits))
     calibration = None
-    if static.heading is not None and len(static.heading) >= FEWEST:
+    known = static.heading is not None and np.isfinite(static.latitude)
+    if known and len(static.gyro) >= FEWEST:
         calibration = _calibrated(static)
     sizes = bias_sizes(static, fits)
+    if not sizes:
+        print("bias: not told, since log.latitude is not given: neither is Earth's rate")
     if calibration is not None:
-        del sizes["gyro"]
+        sizes.pop("gyro", None)
     yaml = sensor_yaml(config.name, static, fits, calibration, sizes, warmth)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
     content = of_axes(fits)

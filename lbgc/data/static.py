@@ -33,7 +33,7 @@ class Static:
     dt: float
     """The samples' interval, s"""
     latitude: float
-    """Latitude, rad"""
+    """Latitude, rad; NaN where it is not known"""
     heading: np.ndarray | None
     """(R,), rad, headings; None unless all are known"""
     session: np.ndarray | None

@@ -128,8 +128,11 @@ def _bias(size: BiasSize, which: int) -> list[str]:
 
 
 def bias_sizes(static: Static, fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:
-    """Sizes of both triads' biases by the first recording's mean. Where it is the only recording,
-    exponential changes of the mean are subtracted first."""
+    """Sizes of both triads' biases by the first recording's mean; none where the latitude is not
+    known, since Earth's rate and gravity are not. Where it is the only recording, exponential
+    changes of the mean are subtracted first."""
+    if not np.isfinite(static.latitude):
+        return {}
     seconds = static.gyro.shape[1] * static.dt
     mean = {part: getattr(static, part)[0].mean(axis=0) for part in PARTS}
     for part in PARTS:

@@ -41,12 +41,11 @@ def draw(look: Look, found: Deviations) -> Figure:
         for axis in range(3):
             axes[row, 2].loglog(taus, deviation[axis] * scale, color=AXIS_COLOURS[axis])
         axes[row, 2].set(xlabel="averaging time, s", ylabel=unit, title="Allan deviation")
-    axes[0, 2].axhline(
-        EARTH_RATE * HOUR / DEG * np.cos(record.latitude), color="0.6", linewidth=0.8, dashes=(4, 3)
-    )
-    axes[0, 2].annotate("Earth's horizontal rate", (taus[0], EARTH_RATE * HOUR / DEG
-                        * np.cos(record.latitude)), color="0.4", fontsize="x-small",
-                        va="bottom")  # fmt: skip
+    placed = np.isfinite(record.latitude)
+    earth = EARTH_RATE * HOUR / DEG * (np.cos(record.latitude) if placed else 1.0)
+    axes[0, 2].axhline(earth, color="0.6", linewidth=0.8, dashes=(4, 3))
+    said = "Earth's horizontal rate" if placed else "Earth's rate"
+    axes[0, 2].annotate(said, (taus[0], earth), color="0.4", fontsize="x-small", va="bottom")
     for own in axes.flat:
         own.grid(True, which="both", color="0.92", linewidth=0.5)
         own.title.set_fontsize("small")
