@@ -134,6 +134,8 @@ def main(config: FitConfig) -> Path:
         print(report(static, fits))
     calibration = _calibrated(statics)
     sizes = bias_sizes(statics, fits)
+    if not np.isfinite(statics[0].latitude):
+        print("bias: not told, since log.latitude is not given: neither is Earth's rate")
     if calibration is not None or any(static.turned for static in statics):
         sizes.pop("gyro", None)
     yaml = sensor_yaml(config.name, statics, fits, calibration, sizes, warmth)
@@ -283,7 +285,8 @@ def _calibrated(statics: Sequence[Static]) -> Calibration | None:
     printed, and it is None."""
     triads = {part: own for static in statics for part, own in static.triads.items()}
     first = statics[0]
-    if first.heading is None or len(first.heading) < FEWEST:
+    placed = first.heading is not None and np.isfinite(first.latitude)
+    if not placed or first.heading is None or len(first.heading) < FEWEST:
         return None
     if len(triads) < len(PARTS) or len({len(own) for own in triads.values()}) > 1:
         print("no bias by lifetime: it takes both triads in each recording")
@@ -324,11 +327,7 @@ def _each_axis(
     corners: tuple[float, float],
 ) -> dict[str, list[Fit]]:
     """The fits of all axes of these triads with these flicker corners, s."""
-    series = {
-        (part, axis): np.ascontiguousarray(static.triads[part][:, :, axis])
-        for part in parts
-        for axis in range(3)
-    }
+    series = {(part, axis): static.triads[part][:, :, axis] for part in parts for axis in range(3)}
     done: dict[axes.Name, Fit] = {}
     with tqdm(total=len(series), desc="fitting", leave=False) as bar:
 

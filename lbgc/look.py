@@ -45,6 +45,12 @@ class Said:
     accel_scale: float | None = None
     axes: list[str] | None = None
     accel_axes: list[str] | None = None
+    temperature_column: Any = None
+    heading_column: Any = None
+    plate_column: Any = None
+    plate_unit: str | None = None
+    plate_scale: float | None = None
+    positions: list[list[float]] | None = None
     from_s: float | None = None
     to_s: float | None = None
 
@@ -96,10 +102,11 @@ def _one(file: str, config: LookConfig, directory: Path) -> None:
     """Examine one file."""
     look = looked(find(file), config.log.keys())
     name = config.name or _word(look.name)
-    print(look_text.report(look))
-    if look.record is not None:
+    found = None if look.record is None else look_text.deviations(look.record)
+    print(look_text.report(look, found))
+    if found is not None:
         picture = directory / f"{name}.png"
-        write_atomically(picture, png(draw(look)))
+        write_atomically(picture, png(draw(look, found)))
         print(f"picture: {picture}")
     if look.asks:
         print(look_text.asked(look, file))

@@ -1,5 +1,6 @@
 """Conversion of real logs to records, which from then on are treated like simulated ones."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -45,8 +46,45 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     Where it is not (the noise is fitted, the sensor calibrated), faults that matter only to a
     heading become notes.
     """
-    found = [all_checks.checked(own.record, own.config, imu, north) for own in _read(config, imu)]
-    yield from all_checks.together(_told_apart(found), config, north)
+    yield from checked(unchecked(config, imu), config, imu, north)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording as it was read, before its checks."""
+
+    record: Record
+    config: LogConfig
+    """The configuration, completed by the file's header or name"""
+    apart: tuple[TriadRecord, ...] | None = None
+    """The two triads on their own clocks, with the first of a file's recordings; None where there
+    is one clock"""
+
+
+def unchecked(config: LogConfig, imu: ImuModel | None = None) -> list[Recording]:
+    """A log's recordings before anything was checked. Raises InputError where one triad alone was
+    recorded."""
+    for part in ("gyro", "accel"):
+        key = f"{part}_columns"
+        about = "leaves one triad: a heading and a calibration need gyros and accelerometers both; "
+        about += "python lbgc/fit.py takes one alone"
+        require(getattr(config, key) != NONE, f"log.{key}", NONE, about)
+    if config.angles_deg is not None:
+        return [_of_files(config, imu)]
+    return [own for file in config.each_file for _, own in _of_file(file)]
+
+
+def checked(
+    found: Sequence[Recording],
+    config: LogConfig,
+    imu: ImuModel | None = None,
+    north: bool = True,
+) -> list[Record]:
+    """The recordings that `unchecked` gives, checked as `read` does."""
+    placed = all(math.isfinite(own.record.latitude) for own in found)
+    require(placed or not north, "log.latitude", None, "must be given for this log")
+    records = [all_checks.checked(own.record, own.config, imu, north) for own in found]
+    return all_checks.together(_told_apart(records), config, north)
 
 
 def read_noise(config: LogConfig) -> list[Sequence[Record] | Sequence[TriadRecord]]:
@@ -61,10 +99,9 @@ def read_noise(config: LogConfig) -> list[Sequence[Record] | Sequence[TriadRecor
             for record in _triad_records(raw)
         ]
         return [[replace(own, notes=(*own.notes, alone_note(own))) for own in alone]]
-    found = _read(config, None)
+    found = unchecked(config)
     apart = [checked_alone(one, own.config) for own in found for one in own.apart or ()]
-    checked = [all_checks.checked(own.record, own.config, None, False) for own in found]
-    records = all_checks.together(_told_apart(checked), config, north=False)
+    records = checked(found, config, north=False)
     if not apart or any(np.ptp(record.plate_angle) > PLATE for record in records):
         return [records]  # a plate's turns are told by both
     one_clock = [own.record.name for own in found if own.apart is None]
@@ -75,31 +112,7 @@ def read_noise(config: LogConfig) -> list[Sequence[Record] | Sequence[TriadRecor
     return [[own for own in apart if own.part == part] for part in ("gyro", "accel")]
 
 
-@dataclass(frozen=True)
-class _Recording:
-    """A recording as it was read, before its checks."""
-
-    record: Record
-    config: LogConfig
-    """The configuration, completed by the file's header or name"""
-    apart: tuple[TriadRecord, ...] | None = None
-    """The two triads on their own clocks, with the first of a file's recordings; None where there
-    is one clock"""
-
-
-def _read(config: LogConfig, imu: ImuModel | None) -> list[_Recording]:
-    """The log's recordings. Raises InputError where one triad alone was recorded."""
-    for part in ("gyro", "accel"):
-        key = f"{part}_columns"
-        about = "leaves one triad: a heading and a calibration need gyros and accelerometers both; "
-        about += "python lbgc/fit.py takes one alone"
-        require(getattr(config, key) != NONE, f"log.{key}", NONE, about)
-    if config.angles_deg is not None:
-        return [_of_files(config, imu)]
-    return [own for file in config.each_file for _, own in _of_file(file)]
-
-
-def _of_file(config: LogConfig) -> Iterator[tuple[Raw, _Recording]]:
+def _of_file(config: LogConfig) -> Iterator[tuple[Raw, Recording]]:
     """The recordings of one file, or of a pair of one triad each, and what each is from."""
     if config.accel_is_apart:
         gyro, accel = triads_apart(config)
@@ -114,13 +127,13 @@ def _of_file(config: LogConfig) -> Iterator[tuple[Raw, _Recording]]:
             pairs.append(pair)
             continue
         for record in _records(raw):
-            yield raw, _Recording(record, raw.config)
+            yield raw, Recording(record, raw.config)
     for pair in pairs:
         for own in _of_two_clocks(*pair):
             yield pair[0], own
 
 
-def _of_files(config: LogConfig, imu: ImuModel | None) -> _Recording:
+def _of_files(config: LogConfig, imu: ImuModel | None) -> Recording:
     """The one recording whose positions are files of their own. Raises InputError where a file
     holds several recordings, or cannot be one of this recording's."""
     records, raws = [], []
@@ -136,7 +149,7 @@ def _of_files(config: LogConfig, imu: ImuModel | None) -> _Recording:
         records.append(own.record)
         raws.append(raw)
     done = replace(raws[0].config, angles_deg=None)
-    return _Recording(joined(records, raws, config, imu), done)
+    return Recording(joined(records, raws, config, imu), done)
 
 
 def _told_apart(records: Iterable[Record]) -> list[Record]:
@@ -185,7 +198,7 @@ def _of_a_triad(own: "_Piece", fields: Mapping[str, Any]) -> TriadRecord:
     return TriadRecord(part, values, **{key: fields[key] for key in _OF_A_TRIAD})
 
 
-def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[_Recording]:
+def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
     """The recordings of two triads whose clocks differ, where they have the time in common; the
     triads on their own clocks with the first. Raises InputError where they have none."""
     timed = [_timed(gyro), _timed(accel)]
@@ -219,7 +232,7 @@ def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[_Recording]:
     for number, own in enumerate(kept, start=1):
         name = own.name if len(kept) == 1 else f"{gyro.name} part {number}"
         record = _positioned(replace(own, name=name), gyro)
-        yield _Recording(record, gyro.config, () if number > 1 else (*rates, *forces))
+        yield Recording(record, gyro.config, () if number > 1 else (*rates, *forces))
 
 
 @dataclass(frozen=True)
@@ -307,8 +320,6 @@ def clock_of(raw: Raw) -> EvenPieces:
 def _fields(raw: Raw, rate: float, notes: tuple[str, ...]) -> dict[str, Any]:
     """The fields of the record of one piece at this rate, Hz, but for the triads' samples."""
     config = raw.config
-    require(config.latitude is not None, "log.latitude", None, "must be given for this log")
-    assert config.latitude is not None
     for key, column in (("plate_column", raw.plate), ("heading_column", raw.heading)):
         given = getattr(config, key)
         about = f"is not read from {raw.name}: log.reader={config.reader} has no further columns"
@@ -322,7 +333,7 @@ def _fields(raw: Raw, rate: float, notes: tuple[str, ...]) -> dict[str, Any]:
         "name": raw.name,
         "plate_angle": angle,
         "rate_hz": rate,
-        "latitude": config.latitude * DEG,
+        "latitude": math.nan if config.latitude is None else config.latitude * DEG,
         "heading_reference": _reference(raw, angle),
         "reference_sigma": None if sigma is None else sigma * DEG,
         "unit": config.unit,
@@ -385,4 +396,4 @@ def _converted(
     return values
 
 
-__all__ = ["LogConfig", "columns", "read", "read_noise"]
+__all__ = ["LogConfig", "checked", "columns", "read", "read_noise", "unchecked"]

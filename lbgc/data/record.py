@@ -29,7 +29,7 @@ class Record:
     rate_hz: float
     """Samples a second"""
     latitude: float
-    """Latitude, rad"""
+    """Latitude, rad; NaN where it is not known, which a fit of noise does not need"""
     heading: float | None = None
     """rad, the true heading when the encoder reads zero."""
     heading_reference: float | None = None

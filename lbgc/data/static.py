@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.fft
 
 from lbgc.data import course
 from lbgc.data.record import Record, TriadRecord, require_one_rate
@@ -37,7 +38,7 @@ class Static:
     dt: float
     """The samples' interval, s"""
     latitude: float
-    """Latitude, rad"""
+    """Latitude, rad; NaN where it is not known"""
     heading: np.ndarray | None
     """(R,), rad, headings; None unless all are known"""
     session: np.ndarray | None
@@ -97,7 +98,7 @@ def at_rest(
         )  # fmt: skip
     warmth = [own.temperature[first:n] for own in records if own.temperature is not None]
     triads = {
-        part: np.stack([own.triads[part][first:n] for own in records]) for part in records[0].triads
+        part: _stacked([own.triads[part][first:n] for own in records]) for part in records[0].triads
     }
     headings = [own.heading_reference for own in records]
     static = Static(
@@ -112,6 +113,11 @@ def at_rest(
         turned,
     )
     return static, notes
+
+
+def _stacked(values: list[np.ndarray]) -> np.ndarray:
+    """Arrays of one shape as one, (R, *shape); of a single one no copy is made."""
+    return values[0][None] if len(values) == 1 else np.stack(values)
 
 
 def require_steady(static: Static) -> None:
@@ -133,17 +139,17 @@ def require_steady(static: Static) -> None:
                 "never changes: a dead channel, or counts far coarser than its noise; there is "
                 "none to fit",
             )
-    for part, seconds in ((p, s) for p in static.triads for s in (static.dt, 0.1, 1.0)):
-        block = max(1, round(seconds / static.dt))
-        series = static.triads[part]
-        count = series.shape[1] // block
-        if count < _EIGHTHS * 10:
-            continue
-        means = series[:, : count * block].reshape(len(series), count, block, 3).mean(axis=2)
-        for axis in range(3):
-            if _is_coarse(series[:, :, axis]):
-                continue  # how often a count changes depends on where the mean lies within it
-            ratio, p = _unsteadiness(np.diff(means[:, :, axis], axis=1))
+    for part, axis in ((part, axis) for part in static.triads for axis in range(3)):
+        one = static.triads[part][:, :, axis]
+        if _is_coarse(one):
+            continue  # how often a count changes depends on where the mean lies within it
+        for seconds in (static.dt, 0.1, 1.0):
+            block = max(1, round(seconds / static.dt))
+            count = one.shape[1] // block
+            if count < _EIGHTHS * 10:
+                continue
+            means = one[:, : count * block].reshape(len(one), count, block).mean(axis=2)
+            ratio, p = _unsteadiness(np.diff(means, axis=1))
             if ratio > _MATTERS and p < _CHANCE:
                 raise InputError(
                     static.name, f"{ratio:.3g}", "", f"times as much {part} noise in one eighth of "
@@ -163,13 +169,17 @@ def _unsteadiness(differences: np.ndarray) -> tuple[float, float]:
     """The largest power of an eighth over the least, and the p-value that eighths differ as much.
 
     differences : (R, n), unit. The number of independent ones among them is (sum of S)^2/(sum of
-    S^2) over the frequencies, with S their spectrum; the squares of a raw periodogram are twice as
-    large as those of S.
+    S^2) over the frequencies, with S their spectrum, the mean over the eighths; the squares of a
+    raw periodogram are twice as large as those of S.
     """
+    size = scipy.fft.prev_fast_len(differences.shape[1] // _EIGHTHS, real=True)
     eighths = np.array_split(differences, _EIGHTHS, axis=1)
     power = np.array([np.mean(e**2) for e in eighths])
-    periodogram = np.sum(np.abs(np.fft.rfft(differences, axis=1)) ** 2, axis=0)
-    spread = 1 + 1 / len(differences)  # mean square of the mean periodogram over S^2
-    freedom = 2 * spread * np.sum(periodogram) ** 2 / np.sum(periodogram**2) * len(differences)
+    periodogram = np.zeros(size // 2 + 1)
+    for one in eighths:
+        periodogram += np.sum(np.abs(np.fft.rfft(one[:, :size], axis=1)) ** 2, axis=0)
+    series = _EIGHTHS * len(differences)
+    spread = 1 + 1 / series  # mean square of the mean periodogram over S^2
+    freedom = 2 * spread * np.sum(periodogram) ** 2 / np.sum(periodogram**2) * series
     ratio = float(power.max() / max(power.min(), 1e-300))
     return ratio, bartlett(np.maximum(power, 1e-300), freedom / _EIGHTHS)

@@ -132,10 +132,13 @@ def _bias(size: BiasSize, which: int) -> list[str]:
 
 
 def bias_sizes(statics: Sequence[Static], fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:
-    """Sizes of the triads' biases by the first recording's means. Where it is the only recording,
-    exponential changes of the mean are subtracted first. Without accelerometers the gyros' mean
-    tells as much as Earth's rate, of any direction, leaves."""
+    """Sizes of the triads' biases by the first recording's means; none where the latitude is not
+    known, since Earth's rate and gravity are not. Where it is the only recording, exponential
+    changes of the mean are subtracted first. Without accelerometers the gyros' mean tells as much
+    as Earth's rate, of any direction, leaves."""
     mean: dict[str, np.ndarray] = {}
+    if not np.isfinite(statics[0].latitude):
+        return {}
     for static in statics:
         count, samples = static.shape
         for part, values in static.triads.items():

@@ -2,6 +2,7 @@
 
 import shlex
 from dataclasses import asdict
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,10 +21,13 @@ _CANNOT_DEG = 60.0
 """Expected error, degrees, above which north is not found; by chance it is 104."""
 _ROWS = 3_600_000
 """Means of samples by which Allan deviations are computed, at most."""
+Deviations: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI"""
 
 
-def report(look: Look) -> str:
-    """What the file is, the guesses with their reasons and doubts, and what its sensor is worth."""
+def report(look: Look, found: Deviations | None) -> str:
+    """What the file is, the guesses with their reasons and doubts, and what its sensor is worth.
+    found : its Allan deviations, where it could be read."""
     lines = [f"{shown(look.path)}"]
     lines += [f"  {fact}" for fact in dict.fromkeys(look.facts)]
     for guess in look.guesses:
@@ -31,16 +35,16 @@ def report(look: Look) -> str:
             lines.append(f"  log.{guess.key}={guess.written}: {guess.why}")
             lines += [f"    but: {guess.doubt}"] if guess.doubt else []
     lines += [f"  {note}" for note in look.notes if note not in look.facts]
-    if look.record is not None:
-        lines += [f"  {line}" for line in worth(look.record, "latitude" in look.keys)]
+    if look.record is not None and found is not None:
+        lines += [f"  {line}" for line in worth(look.record, found, "latitude" in look.keys)]
     if look.refusal is not None:
         lines.append(f"  for a heading it would be refused: {look.refusal}")
     return "\n".join(lines)
 
 
-def deviations(record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI.
-    Those of a long recording are of its block means, which have the same at longer times."""
+def deviations(record: Record) -> Deviations:
+    """The Allan deviations of a recording. Those of a long one are of its block means, which have
+    the same at longer times."""
     size = -(-len(record.gyro) // _ROWS)
     dt, count = size / record.rate_hz, len(record.gyro) // size
     taus = octave_taus(count, dt)
@@ -53,12 +57,12 @@ def deviations(record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return taus, gyro, accel
 
 
-def worth(record: Record, placed: bool) -> list[str]:
+def worth(record: Record, found: Deviations, placed: bool) -> list[str]:
     """Sentences on the sensor's noise and bias, and on whether north can be seen with them.
 
-    placed : whether the latitude is known.
+    found : the recording's Allan deviations; placed : whether the latitude is known.
     """
-    taus, gyro, accel = deviations(record)
+    taus, gyro, accel = found
     at = int(np.argmin(np.abs(taus - 1.0)))
     walk = gyro[:, at] * np.sqrt(taus[at])
     arw, vrw = walk / DEG * 60, accel[:, at] * np.sqrt(taus[at]) * 60

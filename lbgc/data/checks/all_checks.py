@@ -34,6 +34,14 @@ from lbgc.data.rests import rests
 from lbgc.sensor.imu import ImuModel
 
 
+ANYWHERE = np.pi / 4
+"""Latitude of which gravity is taken to tell a unit, rad, where none is known."""
+_UNPLACED = (
+    "latitude: it is not known, so the mean rates were not compared with Earth's: units, frames and "
+    "biases are as they are described"
+)
+
+
 def checked(
     record: Record, config: LogConfig, imu: ImuModel | None = None, north: bool = True
 ) -> Record:
@@ -45,6 +53,7 @@ def checked(
     """
     findings = _findings(record, config, imu, north)
     notes = [found.settled(config.accept) for found in findings]
+    notes += [] if np.isfinite(record.latitude) else [_UNPLACED]
     return replace(record, notes=(*record.notes, *notes, *_turned_notes(record, config, imu)))
 
 
@@ -68,10 +77,14 @@ def _resting_findings(
 ) -> Iterator[Finding]:
     """The findings on units, frames and biases by the means of a recording at rest."""
     rest = resting(record, config, imu)
-    force = force_finding(rest.name, rest.force, rest.latitude, config, record.rate_hz)
+    placed = np.isfinite(record.latitude)
+    anywhere = rest.latitude if placed else ANYWHERE
+    force = force_finding(rest.name, rest.force, anywhere, config, record.rate_hz)
     if force is not None:
         yield force
         return
+    if not placed:
+        return  # nothing is known of Earth's rate
     frames = Frames(rest, motions(record))
     crossed = frames_finding(frames, config, north)
     rate = None if crossed else rate_finding(rest, config, record.rate_hz, north)

@@ -4,6 +4,9 @@ gravity tells that. Frames, biases against Earth's rate and the gyros' unit take
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
+from lbgc.data.checks.all_checks import ANYWHERE
 from lbgc.data.checks.findings import Finding
 from lbgc.data.checks.moved import moved_finding
 from lbgc.data.checks.plausible import force_finding
@@ -46,5 +49,6 @@ def _findings(record: TriadRecord, config: LogConfig) -> Iterator[Finding]:
         found.append(moved_finding(record, north=False))
     else:
         mean = record.values.mean(axis=0)
-        found.append(force_finding(record.name, mean, record.latitude, config, record.rate_hz))
+        where = record.latitude if np.isfinite(record.latitude) else ANYWHERE
+        found.append(force_finding(record.name, mean, where, config, record.rate_hz))
     yield from (one for one in found if one is not None)

@@ -9,7 +9,7 @@ import numpy as np
 
 from lbgc.data.checks.findings import Finding
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.readers.blocks import blocks
+from lbgc.data.readers.blocks import blocks, some
 from lbgc.data.record import Record, TriadRecord
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG
@@ -60,10 +60,15 @@ class Channel:
         """The channel's different values."""
         return _levels(self.at(slice(None)))
 
-    @cached_property
+    @property
     def same(self) -> np.ndarray:
         """(T - 1,), whether each sample after the first repeats the one before."""
         return np.asarray(self.column[1:] == self.column[:-1])
+
+    @cached_property
+    def repeats(self) -> float:
+        """The share of samples that repeat the one before."""
+        return float(self.same.mean())
 
     @property
     def is_counted(self) -> bool:
@@ -74,7 +79,7 @@ class Channel:
     @property
     def is_coarse(self) -> bool:
         """Whether the noise moves it by less than about half a count from sample to sample."""
-        return self.is_counted and float(self.same.mean()) > _COARSE
+        return self.is_counted and self.repeats > _COARSE
 
     @property
     def count(self) -> float:
@@ -87,9 +92,8 @@ class Channel:
         change."""
         if self.samples < 2:
             return 0.0
-        step = np.diff(self.column)
-        np.abs(step, out=step)
-        return float(np.median(step, overwrite_input=True)) / 0.6745 / np.sqrt(2)
+        step = np.abs(some(self.column[1:]) - some(self.column[:-1]))
+        return float(np.median(step)) / 0.6745 / np.sqrt(2)
 
     def shown(self, value: float) -> str:
         """A value, SI, as text in the unit that messages use."""

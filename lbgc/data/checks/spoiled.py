@@ -9,7 +9,7 @@ import numpy as np
 from lbgc.data.checks.findings import Finding
 from lbgc.data.checks.pasted import pasted
 from lbgc.data.checks.printed import Channel, listed
-from lbgc.data.readers.blocks import blocks
+from lbgc.data.readers.blocks import blocks, some
 from lbgc.data.record import Record, TriadRecord
 
 _FEWEST = 200
@@ -148,10 +148,10 @@ def _spikes(channel: Channel) -> _Spikes:
         return none
     sentinel = _apart(channel)
     if len(sentinel):
-        centre = float(np.median(channel.at(slice(None)), overwrite_input=True))
+        centre = float(np.median(some(channel.column))) * channel.sign
         return _Spikes(channel, sentinel, channel.at(sentinel) - centre)
     bend = _bends(channel.column)
-    sigma = float(np.median(bend)) / 0.6745 / np.sqrt(1.5)
+    sigma = float(np.median(some(bend))) / 0.6745 / np.sqrt(1.5)
     if channel.is_counted:
         sigma = max(sigma, channel.count)
     sigma = max(sigma, channel.noise)

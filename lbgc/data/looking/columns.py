@@ -28,8 +28,14 @@ _ONE_MAKE = 1.5
 """The most that it usually does."""
 _OTHERS = {
     "temperature": re.compile(r"(^|[^a-z])(temp|temperature|temperatur|tmp|degc|kelvin)", re.I),
-    "plate": re.compile(r"(^|[^a-z])(plate|table|turntable|stage|encoder|azimuth)", re.I),
-}
+    "plate": re.compile(r"(^|[^a-z])(plate|table|turntable|stage|encoder|resolver|azimuth|angle)",
+                        re.I),
+    "heading": re.compile(r"(^|[^a-z])((true|ref|reference)[\s_.-]*(heading|hdg|azimuth|yaw)"
+                          r"|(heading|hdg|azimuth|yaw)[\s_.-]*(true|ref|reference))", re.I),
+}  # fmt: skip
+"""Names of columns beside the sensors'."""
+_WARM = (-90.0, 150.0), (183.0, 423.0)
+"""Temperatures that a sensor may have, degrees Celsius and kelvin."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +46,10 @@ class Columns:
     gyro: tuple[int, ...]
     accel: tuple[int, ...]
     time: tuple[int, ...]
-    temperature: int | None
     plate: int | None
+    """The one whose name is that of a plate's angle"""
+    others: tuple[int, ...]
+    """Numeric ones that are nothing of all this"""
     guesses: tuple[Guess, ...]
     """The keys of `LogConfig` that name them"""
 
@@ -66,15 +74,43 @@ def find(sheet: Sheet) -> Columns:
     numeric = list(_numeric(sheet))
     time, when = _time(sheet, says, numeric)
     others = {name: _named(sheet, name) for name in _OTHERS}
+    if others["plate"] == others["heading"]:
+        others["plate"] = None
     taken = {*time, *(at for at in others.values() if at is not None)}
     six, which = _by_name(sheet, says), None
     if six is None:
         six, which = _by_value(sheet, [c for c in numeric if c.at not in taken], says)
     guesses = [which] if which is not None else []
     guesses += [when] if when is not None else []
-    return Columns(
-        tuple(six[:3]), tuple(six[3:]), time, others["temperature"], others["plate"], tuple(guesses)
-    )
+    guesses += _beside(sheet, numeric, others)
+    left = tuple(c.at for c in numeric if c.at not in taken and c.at not in six and not c.counts)
+    return Columns(tuple(six[:3]), tuple(six[3:]), time, others["plate"], left, tuple(guesses))
+
+
+def _beside(
+    sheet: Sheet, numeric: Sequence[_Column], others: dict[str, int | None]
+) -> Iterator[Guess]:
+    """The columns of a temperature and of a reference heading, by their names, where their values
+    may be it."""
+    warm, heading = others["temperature"], others["heading"]
+    if warm is not None:
+        (values,), _ = sheet.head().columns([warm])
+        known = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+        if values.dtype.kind in "fi" and len(known) > 1:
+            low, high = float(known.min()), float(known.max())
+            if any(least <= low and high <= most for least, most in _WARM):
+                why = f"its name says so, and it is from {low:.4g} to {high:.4g}"
+                yield Guess("temperature_column", key(sheet, warm), why)
+    if heading is not None and heading in {c.at for c in numeric}:
+        doubt = "is it true north's, and the forward axis's?"
+        yield Guess("heading_column", key(sheet, heading), "its name says so", doubt)
+
+
+def key(sheet: Sheet, at: int) -> str | int:
+    """A column as a description has it: its name, or its position where that does not tell it."""
+    name = sheet.names[at]
+    plain = bool(name) and shown(name) == name and not name.isdigit()
+    return name if plain and sheet.names.count(name) == 1 else at + 1
 
 
 def named(sheet: Sheet, at: int) -> str:

@@ -12,7 +12,7 @@ from lbgc import outputs
 from lbgc.data import logs
 from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.looking import columns, sensor, stretch
+from lbgc.data.looking import columns, sensor, stretch, turned
 from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
 from lbgc.data.readers import raw as readers
@@ -20,7 +20,7 @@ from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.formats.table import Collected
 from lbgc.data.readers.picked import picked
-from lbgc.data.readers.raw import Raw
+from lbgc.data.readers.raw import Raw, plate_unit
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
@@ -31,6 +31,11 @@ _USUAL_HZ = 100.0
 """The rate that is taken to go on with, where none is found, Hz."""
 _RATES, _SHORTEST_S, _USUAL = (1.0, 5000.0), 10.0, ("s", "ms", "us", "ns")
 """Rates, Hz, least duration and units of clocks as people have them."""
+_PLATE = ("plate_column", "positions", "angles_deg")
+"""Keys that state a plate's angle."""
+_BESIDE = ("temperature_column", "heading_column", "plate_column", "positions", "angles_deg",
+           "gap_s")  # fmt: skip
+"""Keys of what is read beside the sensors."""
 _TO_OPEN = ("table", "dtype", "skip_bytes")
 """Keys without which some files have no columns."""
 _SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
@@ -77,6 +82,8 @@ class _Case:
     """What is known so far, while the file is examined."""
 
     said: Mapping[str, Any]
+    heading: bool = True
+    """Whether a heading is asked for"""
     facts: list[str] = field(default_factory=list)
     guesses: list[Guess] = field(default_factory=list)
     keys: dict[str, Any] = field(default_factory=dict)
@@ -97,12 +104,14 @@ class _Case:
         self.guesses.append(Guess(key, None, str(error), "which is it?", sure=False))
 
 
-def looked(path: Path, said: Mapping[str, Any]) -> Look:
-    """Examine a file. said : keys of `LogConfig` that the user states, with their values.
+def looked(path: Path, said: Mapping[str, Any], heading: bool = True) -> Look:
+    """Examine a file. said : keys of `LogConfig` that the user states, with their values; heading :
+    whether one is asked for. Where it is not, the file is described by its longest rest, and not
+    read by that description.
 
     Raises InputError where it is no file that any reader takes.
     """
-    case = _Case(said, keys={"path": str(path), **said})
+    case = _Case(said, heading, keys={"path": str(path), **said})
     name = outputs.shown(path.stem)
     case.keys.setdefault("name", name)
     special = _special(path)
@@ -116,6 +125,8 @@ def looked(path: Path, said: Mapping[str, Any]) -> Look:
         ready = _examined(path, case)
         if not ready:
             return Look(path, name, tuple(case.facts), tuple(case.guesses), case.keys)
+    if not heading:
+        return Look(path, name, tuple(case.facts), tuple(case.guesses), case.keys)
     return _read(path, name, case)
 
 
@@ -157,7 +168,7 @@ def _found(own: Sheet, case: _Case) -> bool:
         case.facts.append(_which(own, found))
     trial = _kept(case.keys) | {"latitude": 0.0, "repeats": case.said.get("repeats", "auto")}
     trial |= {k: case.said.get(k, "auto") for k in ("gyro_unit", "accel_unit")}
-    trial |= {"axes": ["x", "y", "z"], "accel_axes": None}
+    trial |= {"axes": ["x", "y", "z"], "accel_axes": None} | dict.fromkeys(_BESIDE)
     try:
         raw = readers.of_sheet(own, case.keys["name"], LogConfig(**trial))
     except InputError as error:
@@ -166,8 +177,8 @@ def _found(own: Sheet, case: _Case) -> bool:
     raw = replace(raw, gyro=raw.config.counted("gyro", raw.gyro),
                   accel=raw.config.counted("accel", raw.accel))  # fmt: skip
     means = _timed(raw, case)
-    _described(means, own, raw.config, case)
-    return not any(guess.value is None for guess in case.guesses)
+    _described(means, own, found, raw.config, case)
+    return all(guess.value is not None or guess.heading_only for guess in case.guesses)
 
 
 def _kept(keys: Mapping[str, Any]) -> dict[str, Any]:
@@ -202,11 +213,6 @@ def _which(own: Sheet, found: columns.Columns) -> str:
         )
         if which
     ]
-    parts += [
-        f"{kind} {columns.named(own, at)}"
-        for kind, at in (("temperature", found.temperature), ("plate angle", found.plate))
-        if at is not None
-    ]
     return "; ".join(parts)
 
 
@@ -237,7 +243,7 @@ def _timed(raw: Raw, case: _Case) -> Means:
     longest = max(clock.pieces, key=lambda piece: piece.stop - piece.start)
     count = longest.stop - longest.start
     case.facts.append(f"{count} samples at {clock.rate_hz:.6g} Hz, {count / clock.rate_hz:.6g} s")
-    return Means(raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz)
+    return Means(raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz, longest.start)
 
 
 def _usual_unit(raw: Raw, error: InputError, case: _Case) -> str | None:
@@ -260,10 +266,42 @@ def _usual_unit(raw: Raw, error: InputError, case: _Case) -> str | None:
     return unit
 
 
-def _described(means: Means, own: Sheet, config: LogConfig, case: _Case) -> None:
-    """Find where it rests, its units and its axes."""
+def _described(
+    means: Means, own: Sheet, found: columns.Columns, config: LogConfig, case: _Case
+) -> None:
+    """Find where it rests, its units, its axes, and how a plate turned it."""
+    means = _as_said(means, case.said)
     still = stretch.rest(means.gyro, means.accel, means.rate_hz)
-    first, last = still.first / means.rate_hz, still.last / means.rate_hz
+    rest = means.part(still.first, still.last)
+    says = picked(own, config)
+    latitude = None if (given := case.said.get("latitude")) is None else given * DEG
+    accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
+    gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
+    if "latitude" not in case.said:
+        why = "" if gyro is None else sensor.latitude(rest, gyro)
+        doubt = "where was it recorded?"
+        case.note(Guess("latitude", None, why, doubt, sure=False, heading_only=True))
+    if accel is not None and gyro is not None:
+        if "axes" not in case.said:
+            for guess in sensor.axes(rest, gyro, latitude):
+                case.note(guess)
+        if case.heading and _turned(means, still, own, found, gyro, case):
+            return
+    _cut(still, means, case)
+
+
+def _as_said(means: Means, said: Mapping[str, Any]) -> Means:
+    """The values between the times that the user states."""
+    first = max(0, round(said.get("from_s", 0.0) * means.rate_hz) - means.first)
+    last = len(means.gyro)
+    if (to_s := said.get("to_s")) is not None:
+        last = min(last, round(to_s * means.rate_hz) - means.first)
+    return means.part(first, last) if last - first > 1 else means
+
+
+def _cut(still: stretch.Stretch, means: Means, case: _Case) -> None:
+    """Describe where it rests: its longest stretch."""
+    first, last = ((means.first + row) / means.rate_hz for row in (still.first, still.last))
     if still.last - still.first < len(means.gyro):
         if still.first:
             case.note(Guess("from_s", round(first, 3), f"it moves until {first:.6g} s"))
@@ -272,20 +310,47 @@ def _described(means: Means, own: Sheet, config: LogConfig, case: _Case) -> None
         case.facts.append(f"it rests from {first:.6g} to {last:.6g} s, its longest stretch")
     elif still.moving_s:
         case.facts.append(f"it rests but for {still.moving_s:.3g} s of knocks or motion")
-    rest = replace(means, gyro=means.gyro[still.first : still.last],
-                   accel=means.accel[still.first : still.last])  # fmt: skip
-    says = picked(own, config)
-    latitude = None if (given := case.said.get("latitude")) is None else given * DEG
-    accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
-    gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
-    if "latitude" not in case.said:
-        why = "" if gyro is None else sensor.latitude(rest, gyro)
-        case.note(Guess("latitude", None, why, "where was it recorded?", sure=False))
-    if accel is None or gyro is None:
-        return
-    if "axes" not in case.said:
-        for guess in sensor.axes(rest, gyro, latitude):
-            case.note(guess)
+
+
+def _turned(
+    means: Means, still: stretch.Stretch, own: Sheet, found: columns.Columns, unit: str, case: _Case
+) -> bool:
+    """Find how a plate turned it: whether a column or the user states the angles, so that it is
+    read whole. Turns that no column has are asked about. unit : of the gyros."""
+    if any(case.said.get(key) is not None for key in _PLATE):
+        return True
+    axes = case.keys["axes"]
+    felt = turned.course(means, still, unit, axes)
+    rows = slice(means.first, means.first + len(means.gyro))
+    by_name = found.plate is not None
+    for at in [found.plate] if by_name else found.others if felt.is_turned else ():
+        assert at is not None
+        (values,), _ = own.columns([at])
+        name, key = columns.named(own, at), columns.key(own, at)
+        plate = None
+        if values.dtype.kind in "fi":
+            stated = plate_unit(own, at)
+            plate = turned.plate(name, key, values[rows], means, felt, unit, axes, stated)
+        if plate is not None:
+            for guess in plate:
+                case.note(guess)
+            return True
+        if by_name and np.ptp(values[rows]) > 0:
+            case.facts.append(f"{name} does not turn as the gyros do: it is not used")
+    if not felt.is_turned:
+        return False
+    where = means.first / means.rate_hz
+    list_of = [[a + where, b + where, c] for a, b, c in felt.positions(means.rate_hz)]
+    written = ",".join("[" + ",".join(f"{v:.10g}" for v in each) + "]" for each in list_of)
+    turns = ", ".join(f"{turn / DEG:+.1f}" for turn in felt.turns)
+    why = (
+        f"its gyros felt turns of {turns} deg about the vertical from rest to rest, and no column "
+    )
+    why += "has them"
+    doubt = f"if a plate turned it so, clockwise from above: log.positions=[{written}]; or "
+    doubt += f"log.from_s={list_of[0][0]:g} log.to_s={list_of[0][1]:g} for its first rest alone."
+    case.note(Guess("positions", None, why, doubt, sure=False, heading_only=True))
+    return False
 
 
 def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
@@ -302,14 +367,20 @@ def _read(path: Path, name: str, case: _Case) -> Look:
     keys = {k: v for k, v in case.keys.items() if v is not None}
     look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
     north = "latitude" in keys or keys["reader"] == "psins"
+    config = LogConfig(**keys)
+    try:
+        found = logs.unchecked(config)
+    except InputError as error:
+        return replace(look, refusal=error.with_traceback(None))
     refusal = None
     for asked in (True, False) if north else (False,):
         try:
-            records = list(logs.read(LogConfig(**({"latitude": 45.0} | keys)), north=asked))
+            records = logs.checked(found, config, north=asked)
         except InputError as error:
             if error.name == "log.most_bias_deg_per_h" and "most_bias_deg_per_h" not in case.keys:
+                del found  # before it is read again
                 return _read_biased(look, case)
-            refusal = refusal or error
+            refusal = refusal or error.with_traceback(None)  # which would hold the recordings
             continue
         record = max(records, key=lambda own: len(own.gyro))
         notes = record.notes if north else ()

@@ -224,7 +224,7 @@ def _line(stamps: np.ndarray, holes: tuple[Hole, ...]) -> tuple[float, float]:
     def scatter(step: float) -> float:
         """The median distance of stamps from the line of this slope."""
         most = ROWS if len(stamps) <= ROWS else _THIN
-        thin = ([own[:most] for own in part] for part in parts())
+        thin = ([own[:most].copy() for own in part] for part in parts())
         k, t, stretch = (np.concatenate(own) for own in zip(*thin, strict=True))
         return float(np.median(np.abs(t - y_mean[stretch] - step * (k - x_mean[stretch]))))
 

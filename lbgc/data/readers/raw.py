@@ -265,15 +265,20 @@ def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
 def _with_plate_unit(own: Sheet, at: int, config: LogConfig, name: str) -> LogConfig:
     """The configuration with the unit of the plate's angle that its column's name states, where it
     says auto. Raises InputError where the two contradict each other."""
-    units = own.units[at] if at < len(own.units) else ""
-    says = described(own.names[at], units).unit or unit(own.names[at].rsplit("_", 1)[-1])
-    says = says if says in PLATE_UNITS else None
+    says = plate_unit(own, at)
     if config.plate_unit == "auto":
         return replace(config, plate_unit=says or "deg")
     agrees = says in (None, config.plate_unit) or config.plate_scale not in (1.0, -1.0)
     about = f"but {name}'s column says {says}: log.plate_unit=auto goes by it"
     require(agrees, "log.plate_unit", config.plate_unit, about)
     return config
+
+
+def plate_unit(own: Sheet, at: int) -> str | None:
+    """The unit of an angle that a column's name states, or the row beneath it; None for neither."""
+    units = own.units[at] if at < len(own.units) else ""
+    says = described(own.names[at], units).unit or unit(own.names[at].rsplit("_", 1)[-1])
+    return says if says in PLATE_UNITS else None
 
 
 def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:

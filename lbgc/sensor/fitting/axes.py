@@ -43,9 +43,10 @@ def fitted(
     small = sum(one.size for one in series.values()) < SMALL
     workers = processes or (1 if small else cores.count())
     workers = min(workers, len(series))
-    if workers == 1:
+    if workers == 1 and small:  # a process of its own keeps what a long one takes apart
         for name, one in series.items():
-            yield name, _fit(one, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
+            own = np.ascontiguousarray(one)
+            yield name, _fit(own, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
         return
     said = get_context("spawn").Queue()
     with _one_thread_each(), pool(workers, _start, said) as own:
