@@ -31,6 +31,8 @@ _BESIDE = ("plate_angle", "temperature")
 """Fields that have a value for each of the gyros' samples."""
 _HEAD = 1000
 """Rows in which empty cells are looked for."""
+_OFTEN = 0.1
+"""The share of rows without one triad from which on its cells are empty on purpose."""
 _ON_TIME = 2.0
 """Samples of the slower triad by which an even clock may be off its stamps on a turning plate."""
 
@@ -85,7 +87,8 @@ def interleaved(raw: Raw) -> tuple[Raw, Raw] | None:
     lacks = {part: np.isnan(getattr(raw, part)) for part in ("gyro", "accel")}
     whole = {part: ~own.any(axis=1) for part, own in lacks.items()}
     apart = all((own.all(axis=1) | whole[part]).all() for part, own in lacks.items())
-    if not apart or not (whole["gyro"] | whole["accel"]).all() or all(map(np.all, whole.values())):
+    often = min(own.mean() for own in whole.values()) < 1 - _OFTEN
+    if not apart or not often or not (whole["gyro"] | whole["accel"]).all():
         return None
     gyros, accels = whole["gyro"], whole["accel"]
     one = replace(

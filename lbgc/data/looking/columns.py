@@ -12,8 +12,10 @@ from itertools import zip_longest
 
 import numpy as np
 
+from lbgc.data.logconfig import NONE
 from lbgc.data.looking.guess import Guess
 from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
+from lbgc.data.readers.formats.table import Collected
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.units import FORCE_UNITS, STANDARD_GRAVITY
 
@@ -26,6 +28,7 @@ _ALIKE = 5.0
 """The most that the noise of a triad's axes differs, as a ratio."""
 _ONE_MAKE = 1.5
 """The most that it usually does."""
+_SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
 _OTHERS = {
     "temperature": re.compile(r"(^|[^a-z])(temp|temperature|temperatur|tmp|degc|kelvin)", re.I),
     "plate": re.compile(r"(^|[^a-z])(plate|table|turntable|stage|encoder|resolver|azimuth|angle)",
@@ -53,6 +56,11 @@ class Columns:
     guesses: tuple[Guess, ...]
     """The keys of `LogConfig` that name them"""
 
+    @property
+    def alone(self) -> bool:
+        """Whether they are of one triad."""
+        return bool(self.gyro) != bool(self.accel)
+
 
 @dataclass(frozen=True)
 class _Column:
@@ -78,13 +86,49 @@ def find(sheet: Sheet) -> Columns:
         others["plate"] = None
     taken = {*time, *(at for at in others.values() if at is not None)}
     six, which = _by_name(sheet, says), None
+    gyros = 3
     if six is None:
-        six, which = _by_value(sheet, [c for c in numeric if c.at not in taken], says)
+        left_over = [c for c in numeric if c.at not in taken]
+        one = _one_triad(sheet, left_over, says)
+        six, which = _by_value(sheet, left_over, says) if one is None else one
+        gyros = 0 if which.key == "gyro_columns" else 3
     guesses = [which] if which is not None else []
     guesses += [when] if when is not None else []
     guesses += _beside(sheet, numeric, others)
     left = tuple(c.at for c in numeric if c.at not in taken and c.at not in six and not c.counts)
-    return Columns(tuple(six[:3]), tuple(six[3:]), time, others["plate"], left, tuple(guesses))
+    return Columns(
+        tuple(six[:gyros]), tuple(six[gyros:]), time, others["plate"], left, tuple(guesses)
+    )
+
+
+def layout(own: Sheet) -> str:
+    """What kind of file it is, a plain sentence."""
+    if isinstance(own.source, Collected):
+        table = own.source.table
+        return f"table {shown(table.name)}, of {table.rows} rows and {own.width} columns"
+    layout = getattr(own.source, "layout", None)
+    if layout is None:
+        return f"a Parquet file of {own.width} columns"
+    header = "a header" if own.has_header else "no header"
+    units = " and a row of units" if own.units else ""
+    before = f", its rows from line {layout.first + 1} on" if layout.first > 1 else ""
+    mark = ", with decimal commas" if layout.decimal == "," else ""
+    separator = _SEPARATORS.get(layout.separator, layout.separator)
+    return f"text of {own.width} columns between {separator}{mark}, {header}{units}{before}"
+
+
+def which(own: Sheet, found: Columns) -> str:
+    """Which columns are what, a plain sentence."""
+    parts = [
+        f"{kind} {', '.join(named(own, at) for at in places)}"
+        for kind, places in (
+            ("gyro", found.gyro),
+            ("accelerometer", found.accel),
+            ("time", found.time),
+        )
+        if places
+    ]
+    return "; ".join(parts)
 
 
 def _beside(
@@ -152,6 +196,32 @@ def _by_name(sheet: Sheet, says: Sequence[Described]) -> list[int] | None:
                 return None
             six += found
     return six
+
+
+def _one_triad(
+    sheet: Sheet, columns: Sequence[_Column], says: Sequence[Described]
+) -> tuple[list[int], Guess] | None:
+    """The columns of the only triad, and the guess that there is no other: names tell one and none
+    of the other, and no columns without a name, or that have together 1 g, may be it. None where
+    that is not so."""
+    for kind, other, name in (
+        ("gyro", "accel", "accelerometers"),
+        ("accel", "gyro", "gyros"),
+    ):
+        own = [[at for at, said in enumerate(says) if (said.kind, said.axis) == (kind, axis)]
+               for axis in "xyz"]  # fmt: skip
+        if any(len(found) != 1 for found in own) or any(said.kind == other for said in says):
+            continue
+        at = [found[0] for found in own]
+        nameless = [c for c in columns if c.at not in at and not sheet.names[c.at]]
+        rest = [c for c in columns if c.at not in at]
+        hidden = kind == "gyro" and any(
+            _is_one_g(triad) for triad in zip(rest, rest[1:], rest[2:], strict=False)
+        )
+        if not nameless and not hidden:
+            why = f"no column is called one of {name}: noise of the other triad alone is fitted"
+            return at, Guess(f"{other}_columns", NONE, why)
+    return None
 
 
 def _by_value(

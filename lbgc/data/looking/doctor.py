@@ -18,13 +18,13 @@ from lbgc.data.looking.sensor import Means
 from lbgc.data.readers import raw as readers
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.formats import files
-from lbgc.data.readers.formats.table import Collected
 from lbgc.data.readers.picked import picked
 from lbgc.data.readers.raw import Raw, plate_unit
-from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.data.readers.sheets import Sheet
 from lbgc.data.record import Record
+from lbgc.data.two_clocks import interleaved
 from lbgc.earth import EARTH_RATE
-from lbgc.errors import InputError
+from lbgc.errors import InputError, require
 from lbgc.units import DEG
 
 _USUAL_HZ = 100.0
@@ -38,7 +38,6 @@ _BESIDE = ("temperature_column", "heading_column", "plate_column", "positions", 
 """Keys of what is read beside the sensors."""
 _TO_OPEN = ("table", "dtype", "skip_bytes")
 """Keys without which some files have no columns."""
-_SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,8 @@ class Look:
     """What reading it noted"""
     refusal: InputError | None = None
     """Why it cannot be evaluated so; None where it can"""
+    one_triad: bool = False
+    """Whether it was read so far as its one triad's noise takes"""
 
     @property
     def asks(self) -> list[Guess]:
@@ -69,7 +70,8 @@ class Look:
     @property
     def is_described(self) -> bool:
         """Whether all but a heading can be had from the description: a fit of its noise."""
-        return self.record is not None and all(guess.heading_only for guess in self.asks)
+        read = self.record is not None or self.one_triad
+        return read and all(guess.heading_only for guess in self.asks)
 
     @property
     def is_sure(self) -> bool:
@@ -156,16 +158,16 @@ def _examined(path: Path, case: _Case) -> bool:
 
 def _found(own: Sheet, case: _Case) -> bool:
     """Find the keys of an opened table; whether there are enough to read it."""
-    case.facts.append(_layout(own))
+    case.facts.append(columns.layout(own))
     found = columns.find(own)
     named = "columns" in case.said or {"gyro_columns", "accel_columns"} <= case.said.keys()
     for guess in found.guesses:
         if not (named and guess.key == "columns"):
             case.note(guess)
-    if not found.gyro and not named:
+    if not (found.gyro or found.accel or named):
         return False
-    if found.gyro and not named:
-        case.facts.append(_which(own, found))
+    if not named:
+        case.facts.append(columns.which(own, found))
     trial = _kept(case.keys) | {"latitude": 0.0, "repeats": case.said.get("repeats", "auto")}
     trial |= {k: case.said.get(k, "auto") for k in ("gyro_unit", "accel_unit")}
     trial |= {"axes": ["x", "y", "z"], "accel_axes": None} | dict.fromkeys(_BESIDE)
@@ -174,6 +176,8 @@ def _found(own: Sheet, case: _Case) -> bool:
     except InputError as error:
         case.ask(error, ("columns",))
         return False
+    about = "has rows of one triad each, which log=csv reads (log.path=FILE log.latitude=...)"
+    require(interleaved(raw) is None, "log.path", case.keys["name"], about)
     raw = replace(raw, gyro=raw.config.counted("gyro", raw.gyro),
                   accel=raw.config.counted("accel", raw.accel))  # fmt: skip
     means = _timed(raw, case)
@@ -184,36 +188,6 @@ def _found(own: Sheet, case: _Case) -> bool:
 def _kept(keys: Mapping[str, Any]) -> dict[str, Any]:
     """The keys that a description may have already."""
     return {key: value for key, value in keys.items() if value is not None}
-
-
-def _layout(own: Sheet) -> str:
-    """What kind of file it is, a plain sentence."""
-    if isinstance(own.source, Collected):
-        table = own.source.table
-        return f"table {shown(table.name)}, of {table.rows} rows and {own.width} columns"
-    layout = getattr(own.source, "layout", None)
-    if layout is None:
-        return f"a Parquet file of {own.width} columns"
-    header = "a header" if own.has_header else "no header"
-    units = " and a row of units" if own.units else ""
-    before = f", its rows from line {layout.first + 1} on" if layout.first > 1 else ""
-    mark = ", with decimal commas" if layout.decimal == "," else ""
-    separator = _SEPARATORS.get(layout.separator, layout.separator)
-    return f"text of {own.width} columns between {separator}{mark}, {header}{units}{before}"
-
-
-def _which(own: Sheet, found: columns.Columns) -> str:
-    """Which columns are what, a plain sentence."""
-    parts = [
-        f"{kind} {', '.join(columns.named(own, at) for at in which)}"
-        for kind, which in (
-            ("gyro", found.gyro),
-            ("accelerometer", found.accel),
-            ("time", found.time),
-        )
-        if which
-    ]
-    return "; ".join(parts)
 
 
 def _timed(raw: Raw, case: _Case) -> Means:
@@ -275,9 +249,12 @@ def _described(
     rest = means.part(still.first, still.last)
     says = picked(own, config)
     latitude = None if (given := case.said.get("latitude")) is None else given * DEG
-    accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
-    gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
-    if "latitude" not in case.said:
+    accel = gyro = None
+    if "accel" in config.recorded:
+        accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
+    if "gyro" in config.recorded:
+        gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
+    if "latitude" not in case.said and len(config.recorded) == 2:
         why = "" if gyro is None else sensor.latitude(rest, gyro)
         doubt = "where was it recorded?"
         case.note(Guess("latitude", None, why, doubt, sure=False, heading_only=True))
@@ -367,12 +344,14 @@ def _read(path: Path, name: str, case: _Case) -> Look:
     keys = {k: v for k, v in case.keys.items() if v is not None}
     look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
     north = "latitude" in keys or keys["reader"] == "psins"
-    config = LogConfig(**keys)
+    config, refusal = LogConfig(**keys), None
     try:
+        alone = logs.read_noise(config) if len(config.recorded) == 1 else []
+        said = tuple(dict.fromkeys(note for own in alone for one in own for note in one.notes))
+        look = replace(look, one_triad=bool(alone), notes=said)
         found = logs.unchecked(config)
     except InputError as error:
         return replace(look, refusal=error.with_traceback(None))
-    refusal = None
     for asked in (True, False) if north else (False,):
         try:
             records = logs.checked(found, config, north=asked)

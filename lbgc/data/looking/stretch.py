@@ -40,7 +40,9 @@ class Stretch:
 
 
 def rest(gyro: np.ndarray, accel: np.ndarray, rate_hz: float) -> Stretch:
-    """The longest stretch of rest. gyro, accel : (T, 3), in any unit; rate_hz : Hz."""
+    """The longest stretch of rest. gyro, accel : (T, 3), in any unit, or (T, 0) where one was not
+    recorded; rate_hz : Hz."""
+    gyro, accel = gyro if gyro.shape[1] else accel, accel if accel.shape[1] else gyro
     size = max(1, round(_BLOCK_S * rate_hz))
     count = len(gyro) // size
     whole = Stretch(0, len(gyro), 0.0)

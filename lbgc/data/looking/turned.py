@@ -3,7 +3,6 @@ angle, by what the gyros felt of its turns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
