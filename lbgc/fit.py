@@ -153,7 +153,8 @@ def main(config: FitConfig) -> Path:
                 write_atomically(directory / f"{name}.png", png(figure))
     for part in PARTS:
         if part not in fits:
-            print(f"of the {part} nothing was recorded: {config.name} has none of its errors")
+            what = "gyros" if part == "gyro" else "accelerometers"
+            print(f"no {what} were recorded: {config.name} has none of their errors, and says so")
     return _finished(directory, config.name)
 
 
@@ -209,6 +210,7 @@ def _of_units(directories: list[str]) -> Path:
     for k, one in enumerate(units):
         require(one not in units[:k], "units", directories[k], "has the same fit as another unit")
     told = population.populations(units)
+    require(bool(told), "units", directories, "have no triad in common")
     print(population.report(told, len(units)))
     directory = task_directory("fit", fingerprint({"units": directories}))
     content = {"units": directories, **population.as_content(told)}

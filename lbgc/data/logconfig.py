@@ -225,7 +225,7 @@ class LogConfig:
         for name in ("gyro_columns", "accel_columns"):
             columns = getattr(self, name)
             three = isinstance(columns, list) and len(columns) == len(set(map(str, columns))) == 3
-            about = f"must be three column names or positions, or {NONE}"
+            about = f"must be three column names or positions, x, y and z, or {NONE}"
             require(three or columns == NONE, name, columns, about)
             for column in columns if isinstance(columns, list) else []:
                 require_column(name, column)

@@ -216,7 +216,16 @@ def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
     )
     fields = [_fields(own.raw, own.rate_hz, own.notes) for own, _ in gyros]
     rates = [_of_a_triad(own, of) for (own, _), of in zip(gyros, fields, strict=True)]
-    forces = [_of_a_triad(own, _fields(own.raw, own.rate_hz, own.notes)) for own, _ in accels]
+    warmth = [
+        (of["temperature"], own.rate_hz, at) for of, (own, at) in zip(fields, gyros, strict=True)
+    ]
+    forces = [
+        replace(
+            _of_a_triad(own, _fields(own.raw, own.rate_hz, own.notes)),
+            temperature=two_clocks.temperature_of(len(own.raw.accel), own.rate_hz, at, warmth),
+        )
+        for own, at in accels
+    ]
     found = [
         two_clocks.on_one_clock(rate, of, at, force, when)
         for rate, of, (_, at) in zip(rates, fields, gyros, strict=True)

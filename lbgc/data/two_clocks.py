@@ -10,7 +10,7 @@ N^2/tau (1 - 1/(2 r m)). So N is the same over long times only, and a fit takes 
 samples.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -136,6 +136,24 @@ def start(raw: Raw, clock: EvenPieces, piece: slice) -> float:
         about += "two clocks are put on one another for logs without lost samples only"
         require(off < _ON_TIME, "log.accel_path", "time", about)
     return float(raw.stamps[0]) * unit + middle - 1 / clock.rate_hz
+
+
+def temperature_of(
+    samples: int,
+    rate_hz: float,
+    begun: float,
+    gyros: Sequence[tuple[np.ndarray | None, float, float]],
+) -> np.ndarray | None:
+    """The temperature at the ends of samples of one clock, (samples,), on straight lines between
+    those of the other: values, rate (Hz) and start (s) of each piece. None where it has none."""
+    times, values = [], []
+    for own, own_hz, start_s in gyros:
+        if own is None:
+            return None
+        times.append(start_s + np.arange(1, len(own) + 1) / own_hz)
+        values.append(own)
+    ends = begun + np.arange(1, samples + 1) / rate_hz
+    return np.interp(ends, np.concatenate(times), np.concatenate(values))
 
 
 def on_one_clock(

@@ -104,6 +104,11 @@ class Subject:
         each axis, or one where all agree alike. One set of figures is held against the largest of
         the axes' deviations."""
         ours = self.triad(part).allan_variance(self.octaves, self.dt)  # (3, L)
+        if not ours.any():
+            about = (
+                "the sensor is stated without noise, as one is whose noise was not measured: its "
+            )
+            return [f"{part}: {about}zeros here are no measurement"]
         if isinstance(figures, Figures):
             variance = figures.allan_variance(self.octaves, self.dt)
             return [self._agreement(part, variance, ours.max(axis=0))]
