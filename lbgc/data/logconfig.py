@@ -76,10 +76,16 @@ class LogConfig:
     time_column: Any = None
     """The time column's name or position, or [seconds, nanoseconds] of two; null: found by its
     name, if there; none: not used."""
+    gyro_rows: list[Any] | None = None
+    """[column, value]: the gyros' rows are those in which this column has this value, where several
+    sensors write to one table; so are the accelerometers' unless `accel_rows` is given."""
+    accel_rows: list[Any] | None = None
+    """The accelerometers' rows, likewise."""
     accel_path: str | list[str] | None = None
     """The file of the accelerometers, where it is another than the gyros'; or several, one for each
     of `path`. Clocks that differ are put on one another by their stamps: the faster triad is
-    averaged over the slower one's intervals. A fit takes each triad's own samples."""
+    averaged over the slower one's intervals, and times count from where both have begun. A fit
+    takes each triad's own samples."""
     accel_table: str | None = None
     """The table of the accelerometers, of that file or of the gyros' own; null: as `table`."""
     accel_time_column: Any = None
@@ -242,12 +248,24 @@ class LogConfig:
         require(both or self.reader != "psins", "reader", self.reader, about)
         about = "leaves one triad: give the other by gyro_columns=[...] or accel_columns=[...]"
         require(both or self.columns is None, "columns", self.columns, about)
+        for name in ("gyro_rows", "accel_rows"):
+            value = getattr(self, name)
+            plain = value is None or (len(value) == 2 and not isinstance(value[1], list | dict))
+            require(plain, name, value, "must be [column, value]")
+            require_column(name, None if value is None else value[0])
+        about = "needs gyro_rows as well, where gyros are in other rows of the same table"
+        own_table = self.accel_path is not None or self.accel_table is not None
+        whose = self.accel_rows is None or not both or own_table or self.gyro_rows is not None
+        require(whose, "accel_rows", self.accel_rows, about)
         if not self.accel_is_apart:
             for name in ("accel_time_column", "accel_late_s"):
-                about = "is for accelerometers of another file or table: accel_path, accel_table"
+                about = (
+                    "is for accelerometers of another file, table or row: accel_path, accel_table"
+                )
                 require(not getattr(self, name), name, getattr(self, name), about)
             return
-        key = "accel_table" if self.accel_path is None else "accel_path"
+        keys = ("accel_path", "accel_table", "accel_rows")
+        key = next(own for own in keys if getattr(self, own) is not None)
         value = getattr(self, key)
         require(both, key, value, "is of a triad whose columns are none")
         require(self.reader == "table", key, value, "is for the reader table")
@@ -318,7 +336,9 @@ class LogConfig:
     @property
     def accel_is_apart(self) -> bool:
         """Whether the accelerometers are of a file or table of their own."""
-        return self.accel_path is not None or self.accel_table is not None
+        others = self.accel_path, self.accel_table
+        rows = self.accel_rows if len(self.recorded) == 2 else None
+        return any(own is not None for own in (*others, rows))
 
     def each(self, part: str, key: str) -> np.ndarray:
         """A triad's scale or offset for each of the file's axes, (3,)."""

@@ -96,7 +96,12 @@ class Subject:
             f"{shown(self.config.name)}, by lbgc, for {tool}; samples at {self.rate_hz:g} Hz, SI "
             "units; x, y, z are forward, right, down"
         ]
-        more = (*warnings(self.model, self.dt), *self.doubts)
+        quiet = [
+            f"{part}: stated without noise, as where it was not measured: its zeros are no measurement"
+            for part in PARTS
+            if not self.triad(part).allan_variance(self.octaves, self.dt).any()
+        ]
+        more = (*warnings(self.model, self.dt), *quiet, *self.doubts)
         return lines + [shown(line, 4 * LONGEST) for line in more]
 
     def agreement(self, part: str, figures: Sequence[Figures] | Figures) -> list[str]:
@@ -104,11 +109,6 @@ class Subject:
         each axis, or one where all agree alike. One set of figures is held against the largest of
         the axes' deviations."""
         ours = self.triad(part).allan_variance(self.octaves, self.dt)  # (3, L)
-        if not ours.any():
-            about = (
-                "the sensor is stated without noise, as one is whose noise was not measured: its "
-            )
-            return [f"{part}: {about}zeros here are no measurement"]
         if isinstance(figures, Figures):
             variance = figures.allan_variance(self.octaves, self.dt)
             return [self._agreement(part, variance, ours.max(axis=0))]

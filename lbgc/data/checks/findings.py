@@ -7,6 +7,7 @@ from typing import Any
 from lbgc.errors import InputError
 
 CHECKS = (
+    "mixed",
     "stuck",
     "outliers",
     "rail",

@@ -33,7 +33,10 @@ class AnyLog(LogConfig):
         apart = {key: said.pop(key) for key in ("angles_deg", "gap_s") if key in said}
         path = str(given[0] if isinstance(given, list) and given else given)
         require(bool(path), "path", path, "must name a file")
-        two = next((key for key in ("accel_path", "accel_table") if key in said), "accel_path")
+        two = next(
+            (key for key in ("accel_path", "accel_table", "accel_rows") if key in said),
+            "accel_path",
+        )
         about = "is for log=csv, which reads two files or tables (log.path=FILE log.latitude=...)"
         require(two not in said, two, said.get(two), about)
         del said["reader"]

@@ -17,6 +17,7 @@ from lbgc.data.readers.clock import Said
 from lbgc.data.readers.column_names import described, unit
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import Picked, named, picked
+from lbgc.data.readers.rows import of_one_sensor, rows_key, within
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.data.readers.texts import require_size, sheet
 from lbgc.data.readers.timing import stamps_of
@@ -106,7 +107,7 @@ def triads_apart(config: LogConfig) -> tuple[Raw, Raw]:
     """The gyros and the accelerometers of one recording, each from its own file or table. Columns
     that stand beside the sensors' are read with the gyros."""
     gyro = replace(config, accel_path=None, accel_table=None, accel_columns=NONE,
-                   accel_time_column=None, accel_late_s=0.0)  # fmt: skip
+                   accel_time_column=None, accel_late_s=0.0, accel_rows=None)  # fmt: skip
     path = config.path if config.accel_path is None else config.accel_path
     own_time = config.accel_time_column
     accel = replace(
@@ -154,6 +155,9 @@ def of_sheet(own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | No
     """The recording in a sheet of named columns. parts : the triads that it has; None: all that
     were recorded."""
     which = picked(own, config, parts)
+    of_rows = rows_key(config.recorded if parts is None else parts)
+    marks = getattr(config, of_rows)
+    marked = [] if marks is None else named(own, f"log.{of_rows}", marks[:1])
     beside = {
         key: named(own, f"log.{key}", [getattr(config, key)])[0]
         for key in ("plate_column", "heading_column", "temperature_column")
@@ -163,15 +167,17 @@ def of_sheet(own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | No
     keys = dict.fromkeys(which.gyro, key or "log.gyro_columns")
     keys |= dict.fromkeys(which.accel, key or "log.accel_columns")
     (gyro, accel), values, notes = own.together(
-        [which.gyro, which.accel], [*which.time, *beside.values()],
+        [which.gyro, which.accel], [*which.time, *beside.values(), *marked],
         lambda at, column: _numbers(own, keys[at], at, column),
     )  # fmt: skip
-    (gyro, accel, *values), row_notes = _some_rows([gyro, accel, *values], own, config)
-    notes += row_notes
+    (gyro, accel, *values), left_out = within(config.rows, [gyro, accel, *values], own.file)
+    notes += left_out
+    if marked:
+        gyro, accel, *values = of_one_sensor([gyro, accel, *values], own.file, of_rows, marks)
     times = values[: len(which.time)]
     angles = {
         own_key: _numbers(own, f"log.{own_key}", at, column)
-        for (own_key, at), column in zip(beside.items(), values[len(which.time) :], strict=True)
+        for (own_key, at), column in zip(beside.items(), values[len(which.time) :], strict=False)
     }
     warmth = angles.pop("temperature_column", None)  # which may lack some values
     for own_key, column in angles.items():
@@ -202,21 +208,6 @@ def of_sheet(own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | No
         float(stamps[0]),
     )
     return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)
-
-
-def _some_rows(
-    columns: list[np.ndarray], own: Sheet, config: LogConfig
-) -> tuple[list[np.ndarray], list[str]]:
-    """The rows of columns that the configuration has, and a note of the others. Raises InputError
-    where there are none."""
-    if config.rows is None:
-        return columns, []
-    (first, last), count = config.rows, len(columns[0])
-    good = first < count and (last is None or last <= count)
-    require(good, "log.rows", config.rows, f"is not within the {count} rows of {own.file}")
-    left = count - (last or count) + first - 1
-    kept = [column[first - 1 : last] for column in columns]
-    return kept, [f"rows: {left} of {own.file}'s {count} were left out (log.rows)"]
 
 
 def temperatures(values: np.ndarray) -> np.ndarray:
