@@ -97,7 +97,7 @@ class Subject:
             "units; x, y, z are forward, right, down"
         ]
         quiet = [
-            f"{part}: stated without noise, as where it was not measured: its zeros are no measurement"
+            f"{part}: stated without noise, as if it had none: its zeros are no measurement"
             for part in PARTS
             if not self.triad(part).allan_variance(self.octaves, self.dt).any()
         ]
