@@ -310,9 +310,7 @@ def _each_axis(
 ) -> dict[str, list[Fit]]:
     """The fits of all axes of these triads with these flicker corners, s."""
     series = {
-        (part, axis): getattr(static, part)[:, :, axis]
-        for part in parts
-        for axis in range(3)
+        (part, axis): getattr(static, part)[:, :, axis] for part in parts for axis in range(3)
     }
     done: dict[axes.Name, Fit] = {}
     with tqdm(total=len(series), desc="fitting", leave=False) as bar:

@@ -101,7 +101,7 @@ def felt_finding(
         felt = float(np.sum(rate - rest)) / record.rate_hz
         turns.append((first, last, felt, after.angle - before.angle))
     if not found:
-        earth = -EARTH_RATE * np.sin(record.latitude)
+        earth = -EARTH_RATE * np.sin(record.latitude) if np.isfinite(record.latitude) else 0.0
         felt = float(np.sum(record.gyro[1:, 2] - earth)) / record.rate_hz
         stated = float(record.plate_angle[-1] - record.plate_angle[0])
         if abs(felt - stated) <= max(_CAROUSEL * abs(stated), bias * record.duration_s):

@@ -46,9 +46,10 @@ class Pasted:
 def pasted(*parts: np.ndarray) -> list[Pasted]:
     """The stretches of a recording that repeat an earlier one, longest first.
 
-    parts : (T, C) each, its columns side by side. A stretch must be so long that it is not repeated by chance: rows of coarse
-    counts are equal more often than others, and counts that carry their remainder over nearly
-    repeat themselves. A stretch that does not change, or repeats itself row by row, does not count.
+    parts : (T, C) each, its columns side by side. A stretch must be so long that it is not repeated
+    by chance: rows of coarse counts are equal more often than others, and counts that carry their
+    remainder over nearly repeat themselves. A stretch that does not change, or repeats itself row
+    by row, does not count.
     """
     n = len(parts[0])
     enough = _enough(parts)
@@ -100,7 +101,9 @@ def _enough(parts: Sequence[np.ndarray]) -> int | None:
     own = np.ones(n - 1, bool)
     for values in parts:
         own &= (values[1:] == values[:-1]).all(axis=1)
-    alike = max(alike, float(own.mean()))  # neighbouring rows may be equal more often than rows far apart
+    alike = max(
+        alike, float(own.mean())
+    )  # neighbouring rows may be equal more often than rows far apart
     if alike > 0.9:
         return None
     chance = 2 * np.log(n) + np.log(1e7)

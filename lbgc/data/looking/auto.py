@@ -45,7 +45,7 @@ class AnyLog(LogConfig):
             if guess.value is not None:
                 about = f"; {guess.doubt}" if guess.doubt else ""
                 print(f"found log.{guess.key}={guess.written}: {guess.why}{about}")
-        keys = look.keys | apart
+        keys: dict[str, Any] = {**look.keys, **apart}
         return {**keys, "path": given} if isinstance(given, list) else keys
 
 

@@ -3,6 +3,7 @@ of that is a guess."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +11,20 @@ import numpy as np
 
 from lbgc import outputs
 from lbgc.data import logs
+from lbgc.data.checks.moved import PLATE
 from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.looking import columns, sensor, stretch, turned
+from lbgc.data.looking import columns, layout, sensor, stretch, turned
 from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
 from lbgc.data.readers import raw as readers
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.formats import files
-from lbgc.data.readers.formats.table import Collected
 from lbgc.data.readers.picked import picked
 from lbgc.data.readers.raw import Raw, plate_unit
-from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.data.readers.sheets import Sheet
 from lbgc.data.record import Record
+from lbgc.data.rests import longest_rest
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
 from lbgc.units import DEG
@@ -38,7 +40,6 @@ _BESIDE = ("temperature_column", "heading_column", "plate_column", "positions", 
 """Keys of what is read beside the sensors."""
 _TO_OPEN = ("table", "dtype", "skip_bytes")
 """Keys without which some files have no columns."""
-_SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,12 @@ class Look:
     """What reading it noted"""
     refusal: InputError | None = None
     """Why it cannot be evaluated so; None where it can"""
+
+    @cached_property
+    def still(self) -> Record | None:
+        """The recording where it rests: all of it, or the longest rest of one whose plate turns"""
+        turns = self.record is not None and np.ptp(self.record.plate_angle) > PLATE
+        return longest_rest(self.record) if self.record is not None and turns else self.record
 
     @property
     def asks(self) -> list[Guess]:
@@ -156,7 +163,7 @@ def _examined(path: Path, case: _Case) -> bool:
 
 def _found(own: Sheet, case: _Case) -> bool:
     """Find the keys of an opened table; whether there are enough to read it."""
-    case.facts.append(_layout(own))
+    case.facts.append(layout.kind(own))
     found = columns.find(own)
     named = "columns" in case.said or {"gyro_columns", "accel_columns"} <= case.said.keys()
     for guess in found.guesses:
@@ -165,7 +172,7 @@ def _found(own: Sheet, case: _Case) -> bool:
     if not found.gyro and not named:
         return False
     if found.gyro and not named:
-        case.facts.append(_which(own, found))
+        case.facts.append(layout.which(own, found))
     trial = _kept(case.keys) | {"latitude": 0.0, "repeats": case.said.get("repeats", "auto")}
     trial |= {k: case.said.get(k, "auto") for k in ("gyro_unit", "accel_unit")}
     trial |= {"axes": ["x", "y", "z"], "accel_axes": None} | dict.fromkeys(_BESIDE)
@@ -184,36 +191,6 @@ def _found(own: Sheet, case: _Case) -> bool:
 def _kept(keys: Mapping[str, Any]) -> dict[str, Any]:
     """The keys that a description may have already."""
     return {key: value for key, value in keys.items() if value is not None}
-
-
-def _layout(own: Sheet) -> str:
-    """What kind of file it is, a plain sentence."""
-    if isinstance(own.source, Collected):
-        table = own.source.table
-        return f"table {shown(table.name)}, of {table.rows} rows and {own.width} columns"
-    layout = getattr(own.source, "layout", None)
-    if layout is None:
-        return f"a Parquet file of {own.width} columns"
-    header = "a header" if own.has_header else "no header"
-    units = " and a row of units" if own.units else ""
-    before = f", its rows from line {layout.first + 1} on" if layout.first > 1 else ""
-    mark = ", with decimal commas" if layout.decimal == "," else ""
-    separator = _SEPARATORS.get(layout.separator, layout.separator)
-    return f"text of {own.width} columns between {separator}{mark}, {header}{units}{before}"
-
-
-def _which(own: Sheet, found: columns.Columns) -> str:
-    """Which columns are what, a plain sentence."""
-    parts = [
-        f"{kind} {', '.join(columns.named(own, at) for at in which)}"
-        for kind, which in (
-            ("gyro", found.gyro),
-            ("accelerometer", found.accel),
-            ("time", found.time),
-        )
-        if which
-    ]
-    return "; ".join(parts)
 
 
 def _timed(raw: Raw, case: _Case) -> Means:
@@ -243,9 +220,7 @@ def _timed(raw: Raw, case: _Case) -> Means:
     longest = max(clock.pieces, key=lambda piece: piece.stop - piece.start)
     count = longest.stop - longest.start
     case.facts.append(f"{count} samples at {clock.rate_hz:.6g} Hz, {count / clock.rate_hz:.6g} s")
-    return Means(
-        raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz, longest.start
-    )
+    return Means(raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz, longest.start)
 
 
 def _usual_unit(raw: Raw, error: InputError, case: _Case) -> str | None:
@@ -345,7 +320,9 @@ def _turned(
     list_of = [[a + where, b + where, c] for a, b, c in felt.positions(means.rate_hz)]
     written = ",".join("[" + ",".join(f"{v:.10g}" for v in each) + "]" for each in list_of)
     turns = ", ".join(f"{turn / DEG:+.1f}" for turn in felt.turns)
-    why = f"its gyros felt turns of {turns} deg about the vertical from rest to rest, and no column "
+    why = (
+        f"its gyros felt turns of {turns} deg about the vertical from rest to rest, and no column "
+    )
     why += "has them"
     doubt = f"if a plate turned it so, clockwise from above: log.positions=[{written}]; or "
     doubt += f"log.from_s={list_of[0][0]:g} log.to_s={list_of[0][1]:g} for its first rest alone."
@@ -362,40 +339,42 @@ def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
     return str(found.value) if found.sure else None
 
 
-def _read(path: Path, name: str, case: _Case) -> Look:
-    """Read the file by what was found, as every command would."""
+def _read(
+    path: Path, name: str, case: _Case, found: list[tuple[Record, LogConfig]] | None = None
+) -> Look:
+    """Read the file by what was found, as every command would. found : what was read so already."""
     keys = {k: v for k, v in case.keys.items() if v is not None}
     look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
-    north = "latitude" in keys or keys["reader"] == "psins"
     config = LogConfig(**keys)
     try:
-        found = logs.unchecked(config)
+        found = logs.unchecked(config) if found is None else found
     except InputError as error:
         return replace(look, refusal=error.with_traceback(None))
+    north = all(np.isfinite(record.latitude) for record, _ in found)
     refusal = None
     for asked in (True, False) if north else (False,):
         try:
             records = logs.checked(found, config, north=asked)
         except InputError as error:
             if error.name == "log.most_bias_deg_per_h" and "most_bias_deg_per_h" not in case.keys:
-                del found  # before it is read again
-                return _read_biased(look, case)
+                return _read(path, name, case, _biased(found, config, case))
             refusal = refusal or error.with_traceback(None)  # which would hold the recordings
             continue
         record = max(records, key=lambda own: len(own.gyro))
-        notes = record.notes if north else ()
-        return replace(look, record=record, notes=tuple(notes), refusal=refusal)
+        return replace(look, record=record, notes=record.notes, refusal=refusal)
     return replace(look, refusal=refusal)
 
 
-def _read_biased(look: Look, case: _Case) -> Look:
-    """Read a file whose bias exceeds what is taken as possible: the description says how large it
-    may be, and the doubt what that means."""
-    (record, *_) = logs.read(LogConfig(**look.keys), north=False)
+def _biased(
+    found: list[tuple[Record, LogConfig]], config: LogConfig, case: _Case
+) -> list[tuple[Record, LogConfig]]:
+    """The recordings of a file whose bias exceeds what is taken as possible: the description says
+    how large it may be, and the doubt what that means."""
+    record = logs.checked(found, config, north=False)[0]
     off = sensor.least_bias(record.gyro.mean(0), record.accel.mean(0), record.latitude)
     most = float(f"{1.5 * off * PER_HOUR:.1g}")
     horizontal = EARTH_RATE * np.cos(record.latitude) * PER_HOUR
     why = f"its bias is {off * PER_HOUR:.4g} deg/h at the least, beside Earth's horizontal "
     why += f"{horizontal:.3g}: at rest it hides north, a turn of the plate takes it out"
     case.note(Guess("most_bias_deg_per_h", most, why))
-    return _read(look.path, look.name, case)
+    return [(record, replace(own, most_bias_deg_per_h=most)) for record, own in found]

@@ -97,6 +97,14 @@ def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
     yield raw
 
 
+def is_of_headings(path: Path) -> bool:
+    """Whether a directory holds CSV files alone whose names end with headings."""
+    every = outputs.listed(path, "*")
+    return bool(every) and all(
+        own.suffix == ".csv" and _HEADING_IN_NAME.search(own.stem) is not None for own in every
+    )
+
+
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `recordings`, for the published layout: one CSV file a recording, with the heading
     in whole degrees at the end of its name."""
@@ -295,8 +303,10 @@ READERS: dict[str, Callable[[Path, LogConfig], Iterator[Raw]]] = {
 def require_finite(name: str, values: np.ndarray, columns: Sequence[str]) -> None:
     """Raise InputError unless all values (rows, columns) are finite and below 1e30, so that no sum
     of them can overflow."""
-    few = blocks(len(values))
-    bad = [np.argwhere(~(np.abs(values[own]) < _NONSENSE)) + [own.start, 0] for own in few]
+    bad = [
+        np.argwhere(~(np.abs(values[own]) < _NONSENSE)) + np.array([own.start, 0])
+        for own in blocks(len(values))
+    ]
     if sum(map(len, bad)):
         row, column = np.concatenate(bad)[0]
         value = values[row, column]

@@ -284,9 +284,7 @@ class _Text:
             )
         return body, []
 
-    def _one_by_one(
-        self, lines: list[tuple[int, str]], kinds: dict[int, str]
-    ) -> list[np.ndarray]:
+    def _one_by_one(self, lines: list[tuple[int, str]], kinds: dict[int, str]) -> list[np.ndarray]:
         """The columns parsed line by line, for numbers that the fast parser does not accept, such
         as +1.5. Raises InputError at a field that is not a number."""
         values: list[list[Any]] = [[] for _ in kinds]

@@ -119,7 +119,11 @@ def opened(path: Path, config: LogConfig) -> Iterator[Sheet]:
             if kind == _COMPRESSED:
                 yield text_sheet(lambda: compressed.stream(path), path, _KEY)
             else:
-                yield text_sheet(lambda: path.open("rb"), path, _KEY) if kind == _TEXT else _parquet(path)
+                yield (
+                    text_sheet(lambda: path.open("rb"), path, _KEY)
+                    if kind == _TEXT
+                    else _parquet(path)
+                )
             return
         if kind in _IN_HERE or config.dtype is not None:
             with reading(_KEY, path):
