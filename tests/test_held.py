@@ -122,9 +122,9 @@ def test_sensors_of_two_rates_of_their_own_are_not_dropped():
     rows, k = noise(6), np.arange(N)
     rows[:, :3] = rows[np.floor(k * 0.37).astype(int), :3]
     rows[:, 3:] = rows[np.floor(k * 0.61).astype(int), 3:]
-    for repeats in ("auto", "drop"):
+    for how in ("auto", "drop"):
         with pytest.raises(InputError, match="rates of their own"):
-            sampled("x", rows, 100.0, repeats)
+            sampled("x", rows, 100.0, how)
 
 
 def _sway(k: np.ndarray) -> np.ndarray:

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from lbgc.data import two_clocks
+from lbgc.data import converted, two_clocks
 from lbgc.data.checks import all_checks
 from lbgc.data.checks.alone import alone_note, checked_alone
 from lbgc.data.checks.moved import PLATE
 from lbgc.data.logconfig import NONE, LogConfig
 from lbgc.data.positions import at_positions, joined
-from lbgc.data.readers.axes import matrix_of
-from lbgc.data.readers.blocks import blocks
 from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite, triads_apart
 from lbgc.data.readers.repeats import sampled, without_printed_twice
 from lbgc.data.readers.stretches import within
@@ -24,19 +22,13 @@ from lbgc.data.rests import without_flicker
 from lbgc.errors import InputError, require
 from lbgc.frames import AXES, DOWN
 from lbgc.sensor.imu import ImuModel
-from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
-_UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
-"""Units that depend on the value of g that a file states."""
 _OF_A_TRIAD = (
     "name", "plate_angle", "rate_hz", "latitude", "heading_reference", "temperature", "notes"
 )  # fmt: skip
 """Fields of a recording that that of one triad has as well."""
 _SHARE = 0.1
 """The least length of a recording of two clocks, as a share of the longest."""
-_UNEVEN_DEG = 5.0
-"""Largest scatter of a reference instrument's headings, degrees, about one that turns with the
-plate."""
 
 
 def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> Iterator[Record]:
@@ -167,8 +159,9 @@ def _records(raw: Raw) -> Iterator[Record]:
     """The records of a file, in SI and forward-right-down, one for each evenly sampled piece. They
     take the place of `raw`, whose values are converted where they stand: a day has them once."""
     for own in _pieces(*_timed(raw)):
-        fields = _fields(own.raw, own.rate_hz, own.notes)
-        rates, forces = _rates(own.raw, own.rate_hz), _forces(own.raw, own.rate_hz)
+        fields = converted.fields_of(own.raw, own.rate_hz, own.notes)
+        rates = converted.rates(own.raw, own.rate_hz)
+        forces = converted.forces(own.raw, own.rate_hz)
         yield _positioned(Record(gyro=rates, accel=forces, **fields), raw)
 
 
@@ -184,7 +177,7 @@ def _triad_records(raw: Raw) -> Iterator[TriadRecord]:
     about = "is for gyros and accelerometers both: noise of one triad is fitted to a log at rest"
     require(not turned, "log.positions", turned, about)
     for own in _pieces(*_timed(raw)):
-        record = _of_a_triad(own, _fields(own.raw, own.rate_hz, own.notes))
+        record = _of_a_triad(own, converted.fields_of(own.raw, own.rate_hz, own.notes))
         still = bool(np.ptp(record.plate_angle) < PLATE)
         require(still, "log.plate_column", raw.config.plate_column, f"turns in {own.raw.name}, and "
                 "noise of one triad is fitted to a log at rest")  # fmt: skip
@@ -194,7 +187,7 @@ def _triad_records(raw: Raw) -> Iterator[TriadRecord]:
 def _of_a_triad(own: "_Piece", fields: Mapping[str, Any]) -> TriadRecord:
     """The recording of a piece's one triad, its values converted. fields : those of its record."""
     part = "gyro" if own.raw.gyro.shape[1] else "accel"
-    values = (_rates if part == "gyro" else _forces)(own.raw, own.rate_hz)
+    values = (converted.rates if part == "gyro" else converted.forces)(own.raw, own.rate_hz)
     return TriadRecord(part, values, **{key: fields[key] for key in _OF_A_TRIAD})
 
 
@@ -214,14 +207,14 @@ def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
         ]
         for (raw, clock), by, first in zip(timed, (0.0, late), begun, strict=True)
     )
-    fields = [_fields(own.raw, own.rate_hz, own.notes) for own, _ in gyros]
+    fields = [converted.fields_of(own.raw, own.rate_hz, own.notes) for own, _ in gyros]
     rates = [_of_a_triad(own, of) for (own, _), of in zip(gyros, fields, strict=True)]
     warmth = [
         (of["temperature"], own.rate_hz, at) for of, (own, at) in zip(fields, gyros, strict=True)
     ]
     forces = [
         replace(
-            _of_a_triad(own, _fields(own.raw, own.rate_hz, own.notes)),
+            _of_a_triad(own, converted.fields_of(own.raw, own.rate_hz, own.notes)),
             temperature=two_clocks.temperature_of(len(own.raw.accel), own.rate_hz, at, warmth),
         )
         for own, at in accels
@@ -324,85 +317,6 @@ def clock_of(raw: Raw) -> EvenPieces:
             raise
         whole = (slice(0, len(raw.gyro)),)
         return EvenPieces(stated, whole, (f"time: not used, since {error.choices}",))
-
-
-def _fields(raw: Raw, rate: float, notes: tuple[str, ...]) -> dict[str, Any]:
-    """The fields of the record of one piece at this rate, Hz, but for the triads' samples."""
-    config = raw.config
-    for key, column in (("plate_column", raw.plate), ("heading_column", raw.heading)):
-        given = getattr(config, key)
-        about = f"is not read from {raw.name}: log.reader={config.reader} has no further columns"
-        require(given is None or column is not None, f"log.{key}", given, about)
-    angle = np.zeros(max(len(raw.gyro), len(raw.accel)))
-    if raw.plate is not None:
-        factor = 1.0 if config.plate_unit == "rad" else DEG
-        angle = np.unwrap(raw.plate * (config.plate_scale * factor))
-    sigma = config.heading_sigma_deg
-    return {
-        "name": raw.name,
-        "plate_angle": angle,
-        "rate_hz": rate,
-        "latitude": math.nan if config.latitude is None else config.latitude * DEG,
-        "heading_reference": _reference(raw, angle),
-        "reference_sigma": None if sigma is None else sigma * DEG,
-        "unit": config.unit,
-        "session": config.session,
-        "temperature": raw.temperature,
-        "axis": AXES.index(config.plate_axis),
-        "notes": notes,
-    }
-
-
-def _reference(raw: Raw, angle: np.ndarray) -> float | None:
-    """The reference heading where the plate's angle is zero, rad: the stated one, or the circular
-    mean of the column's less the angle, (T,), rad. Raises InputError where the column does not turn
-    with the plate."""
-    config = raw.config
-    if raw.heading is None:
-        return None if config.heading_deg is None else config.heading_deg * DEG
-    at_zero = np.exp(1j * (raw.heading * DEG - angle))
-    mean = float(np.angle(at_zero.mean()))
-    off = float(np.sqrt(np.mean(np.angle(at_zero * np.exp(-1j * mean)) ** 2))) / DEG
-    if off > _UNEVEN_DEG:
-        raise InputError(
-            "log.heading_column", config.heading_column, "", f"differs by {off:.3g} deg RMS from "
-            f"one heading of {raw.name} that turns with the plate: its unit is degrees, clockwise "
-            "from north; or the plate's angle is wrong"
-        )  # fmt: skip
-    return mean
-
-
-def _rates(raw: Raw, rate_hz: float) -> np.ndarray:
-    """The gyros' rates, rad/s, along the body's axes."""
-    unit = rate_factor(raw.config.gyro_unit, rate_hz)
-    return _converted(raw.gyro, raw.config, "gyro", unit, raw.config.axes)
-
-
-def _forces(raw: Raw, rate_hz: float) -> np.ndarray:
-    """The specific forces, m/s^2, along the body's axes. The unit "auto" is g where their mean is
-    below 3, else m/s2."""
-    config, unit = raw.config, raw.config.accel_unit
-    if unit == "auto":
-        mean = raw.accel.mean(axis=0) - config.each("accel", "offset")
-        unit = "g" if np.linalg.norm(mean * config.each("accel", "scale")) < 3 else "m/s2"
-    factor = force_factor(unit, rate_hz)
-    if raw.gravity is not None and unit in _UNITS_OF_G:
-        factor *= raw.gravity / STANDARD_GRAVITY
-    return _converted(raw.accel, config, "accel", factor, config.axes_of_accel)
-
-
-def _converted(
-    values: np.ndarray, config: LogConfig, part: str, unit: float, axes: list[str]
-) -> np.ndarray:
-    """Values (T, 3) of a triad, scale (count - offset), in a unit of this SI value, and along the
-    body's axes, in the place of the file's."""
-    values = values if values.flags.c_contiguous else np.ascontiguousarray(values)
-    matrix = matrix_of(axes)
-    for own in blocks(len(values)):
-        some = config.counted(part, values[own])
-        some *= unit
-        values[own] = some @ matrix.T
-    return values
 
 
 __all__ = ["LogConfig", "checked", "columns", "read", "read_noise", "unchecked"]

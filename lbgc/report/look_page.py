@@ -7,6 +7,7 @@ from scipy.signal import welch
 
 from lbgc.data.looking.doctor import Look
 from lbgc.data.readers.blocks import blocks
+from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.outputs import shown
 from lbgc.report.figures import AXIS_COLOURS, AXIS_NAMES
@@ -15,6 +16,8 @@ from lbgc.units import DEG, HOUR, STANDARD_GRAVITY
 
 _POINTS = 1500
 """Means along the time axis, at most."""
+_ROOM = 1.5
+"""The height of a picture of what rests, over what it holds."""
 _MEANS, _BELOW = 2**20, 0.1
 """Values of which a spectrum is taken at once; and the share of the rate of block means up to which
 they show the density of what they are means of."""
@@ -27,16 +30,16 @@ _TRIADS = (
 def draw(look: Look, found: Deviations) -> Figure:
     """The picture of a file's recording. found : its Allan deviations."""
     assert look.record is not None
-    record = look.record
+    assert look.still is not None
+    record, still = look.record, look.still
     figure = Figure(figsize=(11.0, 6.6), layout="constrained")
     figure.suptitle(shown(look.path.name).replace("$", r"\$"))
     axes = figure.subplots(2, 3)
     taus, *allan = found
     for row, ((part, scale, unit), deviation) in enumerate(zip(_TRIADS, allan, strict=True)):
-        values = getattr(record, part)
-        _course(axes[row, 0], values, scale, record.rate_hz)
-        axes[row, 0].set(ylabel=f"{part}, {unit}", title="less its mean")
-        _spectrum(axes[row, 1], values, scale, record.rate_hz)
+        _course(axes[row, 0], record, still, part, scale)
+        axes[row, 0].set(ylabel=f"{part}, {unit}", title="less its mean at rest")
+        _spectrum(axes[row, 1], getattr(still, part), scale, still.rate_hz)
         axes[row, 1].set(ylabel=f"{unit}/sqrt(Hz)", title="spectral density, one-sided")
         for axis in range(3):
             axes[row, 2].loglog(taus, deviation[axis] * scale, color=AXIS_COLOURS[axis])
@@ -49,21 +52,44 @@ def draw(look: Look, found: Deviations) -> Figure:
     for own in axes.flat:
         own.grid(True, which="both", color="0.92", linewidth=0.5)
         own.title.set_fontsize("small")
-    axes[0, 0].legend(fontsize="x-small")
+    if still is not record:
+        _beside(axes[0, 0], record, record.plate_angle / DEG, "plate, deg")
+    if record.temperature is not None:
+        _beside(axes[1, 0], record, record.temperature, "temperature")
+    axes[0, 0].legend(fontsize="x-small", loc="upper left")
     return figure
 
 
-def _course(axes: Axes, values: np.ndarray, scale: float, rate_hz: float) -> None:
-    """Block means of values (T, 3), less their mean, over time. scale : units of the figure in one
-    of the values."""
+def _course(axes: Axes, record: Record, still: Record, part: str, scale: float) -> None:
+    """Block means of a triad, less their mean at rest, over time, on the scale of what rests. scale
+    : units of the figure in SI's."""
+    t, means = _means(record, getattr(record, part))
+    _, rest = _means(still, getattr(still, part))
+    middle = rest.mean(axis=0)
+    for axis, name in enumerate(AXIS_NAMES):
+        axes.plot(t, (means[:, axis] - middle[axis]) * scale, color=AXIS_COLOURS[axis],
+                  linewidth=0.7, label=name)  # fmt: skip
+    if still is not record:
+        most = _ROOM * float(np.abs(rest - middle).max()) * scale
+        if part == "gyro":  # which turns with the plate
+            most += 2 * EARTH_RATE * scale
+        axes.set_ylim(-most, most)
+    axes.set(xlabel=f"t, s (means of {len(record.gyro) / record.rate_hz / len(t):.3g} s)")
+
+
+def _means(record: Record, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times, s, and means of values (T, ...) over blocks of a recording."""
     size = max(1, len(values) // _POINTS)
     count = len(values) // size
-    means = values[: size * count].reshape(count, size, 3).mean(axis=1) * scale
-    t = (np.arange(count) + 0.5) * size / rate_hz
-    for axis, name in enumerate(AXIS_NAMES):
-        axes.plot(t, means[:, axis] - means[:, axis].mean(), color=AXIS_COLOURS[axis],
-                  linewidth=0.7, label=name)  # fmt: skip
-    axes.set(xlabel=f"t, s (means of {size / rate_hz:.3g} s)")
+    means = values[: size * count].reshape(count, size, *values.shape[1:]).mean(axis=1)
+    return (np.arange(count) + 0.5) * size / record.rate_hz, means
+
+
+def _beside(axes: Axes, record: Record, values: np.ndarray, label: str) -> None:
+    """Draw what was recorded beside the sensors, (T,), on an axis of its own."""
+    own = axes.twinx()
+    own.plot(*_means(record, values), color="0.6", linewidth=0.8, zorder=0)
+    own.set_ylabel(label, color="0.4")
 
 
 def _spectrum(axes: Axes, values: np.ndarray, scale: float, rate_hz: float) -> None:

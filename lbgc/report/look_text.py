@@ -11,6 +11,7 @@ from lbgc.data.logconfig import LogConfig
 from lbgc.data.looking.doctor import Look
 from lbgc.data.looking.sensor import least_bias
 from lbgc.data.record import Record
+from lbgc.data.rests import rests
 from lbgc.earth import EARTH_RATE
 from lbgc.outputs import as_json, shown
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
@@ -35,8 +36,11 @@ def report(look: Look, found: Deviations | None) -> str:
             lines.append(f"  log.{guess.key}={guess.written}: {guess.why}")
             lines += [f"    but: {guess.doubt}"] if guess.doubt else []
     lines += [f"  {note}" for note in look.notes if note not in look.facts]
-    if look.record is not None and found is not None:
-        lines += [f"  {line}" for line in worth(look.record, found, "latitude" in look.keys)]
+    if look.record is not None and look.still is not None and found is not None:
+        if look.still is not look.record:
+            start = f"its plate turns over {np.ptp(look.record.plate_angle) / DEG:.4g} deg; "
+            lines.append(f"  {start}what follows is of its longest rest, {look.still.name}")
+        lines += [f"  {line}" for line in worth(look.still, found)]
     if look.refusal is not None:
         lines.append(f"  for a heading it would be refused: {look.refusal}")
     return "\n".join(lines)
@@ -57,11 +61,9 @@ def deviations(record: Record) -> Deviations:
     return taus, gyro, accel
 
 
-def worth(record: Record, found: Deviations, placed: bool) -> list[str]:
-    """Sentences on the sensor's noise and bias, and on whether north can be seen with them.
-
-    found : the recording's Allan deviations; placed : whether the latitude is known.
-    """
+def worth(record: Record, found: Deviations) -> list[str]:
+    """Sentences on the sensor's noise and bias, and on whether north can be seen with them. found :
+    the recording's Allan deviations."""
     taus, gyro, accel = found
     at = int(np.argmin(np.abs(taus - 1.0)))
     walk = gyro[:, at] * np.sqrt(taus[at])
@@ -84,7 +86,7 @@ def worth(record: Record, found: Deviations, placed: bool) -> list[str]:
             f"a fit of the bias instability needs ten times its {longest:.3g} s: "
             f"{10 * longest / HOUR:.2g} hours, and better more"
         )
-    if not placed:
+    if not np.isfinite(record.latitude):
         return lines
     horizontal = EARTH_RATE * np.cos(record.latitude)
     seconds = min(_WINDOW_S, record.duration_s)
@@ -145,7 +147,14 @@ def description(look: Look, first: str) -> str:
 def commands(look: Look, out: str, name: str) -> str:
     """The commands that use the description."""
     options = f"--config-dir {shlex.quote(out)} log={name}"
-    lines = ["use it:", f"python lbgc/fit.py {options} name={name}_sensor"]
+    still, record = "", look.record
+    if record is not None and look.still is not record:  # noise is fitted to a rest
+        own = max(rests(record), key=lambda rest: rest.samples.stop - rest.samples.start)
+        first, last = (row / record.rate_hz for row in (own.samples.start, own.samples.stop))
+        gone = " ".join(f"log.{key}=null" for key in ("plate_column", "positions")
+                        if look.keys.get(key) is not None)  # fmt: skip
+        still = f" {gone} log.from_s={first:.10g} log.to_s={last:.10g}"
+    lines = ["use it:", f"python lbgc/fit.py {options}{still} name={name}_sensor"]
     if look.is_sure:
         lines.append(f"python lbgc/evaluate.py {options}")
     return "\n".join(lines)

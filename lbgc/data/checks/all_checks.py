@@ -33,12 +33,11 @@ from lbgc.data.record import Record
 from lbgc.data.rests import rests
 from lbgc.sensor.imu import ImuModel
 
-
 ANYWHERE = np.pi / 4
 """Latitude of which gravity is taken to tell a unit, rad, where none is known."""
 _UNPLACED = (
-    "latitude: it is not known, so the mean rates were not compared with Earth's: units, frames and "
-    "biases are as they are described"
+    "latitude: it is not known, so the mean rates were not compared with Earth's: units, frames "
+    "and biases are as they are described"
 )
 
 
@@ -130,7 +129,7 @@ def _turned_findings(
     resting_part = resting(level_part, config, imu)
     felt = felt_finding(record, found, config, resting_part.limit)
     yield from (one for one in (felt, next(filter(None, moved), None)) if one is not None)
-    own = turning(record, found, imu)
+    own = turning(record, found, imu) if np.isfinite(record.latitude) else None
     if own is None:
         yield from _resting_findings(level_part, config, imu, north)
         return
@@ -174,7 +173,8 @@ def _turned_notes(record: Record, config: LogConfig, imu: ImuModel | None) -> tu
     if not np.ptp(record.plate_angle) > PLATE:
         return ()
     found = rests(record)
-    own, late = turning(record, found, imu), late_note(record, found, config)
+    own = turning(record, found, imu) if np.isfinite(record.latitude) else None
+    late = late_note(record, found, config)
     notes = [] if own is None else [bias_note(own)]
     return (*notes, *([] if late is None else [late]))
 

@@ -107,7 +107,8 @@ def felt_finding(
         felt = np.sum(record.gyro[first:last] - _at_rest(record, before, after), axis=0)
         turns.append((first, last, felt / record.rate_hz, after.angle - before.angle))
     if not found:
-        earth = np.array([0.0, 0.0, -EARTH_RATE * np.sin(record.latitude)])
+        vertical = EARTH_RATE * np.sin(record.latitude) if np.isfinite(record.latitude) else 0.0
+        earth = np.array([0.0, 0.0, -vertical])
         felt = np.sum(record.gyro[1:] - earth, axis=0) / record.rate_hz
         stated = float(record.plate_angle[-1] - record.plate_angle[0])
         allowed = max(_CAROUSEL * abs(stated), bias * record.duration_s)

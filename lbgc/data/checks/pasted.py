@@ -46,9 +46,10 @@ class Pasted:
 def pasted(*parts: np.ndarray) -> list[Pasted]:
     """The stretches of a recording that repeat an earlier one, longest first.
 
-    parts : (T, C) each, its columns side by side. A stretch must be so long that it is not repeated by chance: rows of coarse
-    counts are equal more often than others, and counts that carry their remainder over nearly
-    repeat themselves. A stretch that does not change, or repeats itself row by row, does not count.
+    parts : (T, C) each, its columns side by side. A stretch must be so long that it is not repeated
+    by chance: rows of coarse counts are equal more often than others, and counts that carry their
+    remainder over nearly repeat themselves. A stretch that does not change, or repeats itself row
+    by row, does not count.
     """
     n = len(parts[0])
     enough = _enough(parts)

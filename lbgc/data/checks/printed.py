@@ -46,9 +46,9 @@ class Channel:
     carried: bool
     """Whether its counts are known to carry their remainder over, so that their mean is exact"""
 
-    def at(self, rows: Any) -> np.ndarray:
-        """The values in these rows, SI."""
-        return np.asarray(self.sign * self.column[rows])
+    def at(self, rows: Any) -> Any:
+        """The values in these rows, or in one, SI."""
+        return self.sign * self.column[rows]
 
     @property
     def samples(self) -> int:
@@ -93,7 +93,7 @@ class Channel:
         if self.samples < 2:
             return 0.0
         step = np.abs(some(self.column[1:]) - some(self.column[:-1]))
-        return float(np.median(step)) / 0.6745 / np.sqrt(2)
+        return float(np.median(step) / 0.6745 / np.sqrt(2))
 
     def shown(self, value: float) -> str:
         """A value, SI, as text in the unit that messages use."""
@@ -125,11 +125,12 @@ def _levels(values: np.ndarray) -> Levels:
         step = min(step, float(steps.min(initial=np.inf)))
     ends: list[tuple[np.ndarray, np.ndarray]] = []
     for end in (0, 1):
-        first, last, found = 0, len(values), []
+        first, last = 0, len(values)
+        found: list[tuple[float, int]] = []
         while first < last and len(found) < _ENDS:
             value = values[first if end == 0 else last - 1]
             edge = int(np.searchsorted(values, value, side="left" if end else "right"))
-            found.append((value, edge - first if end == 0 else last - edge))
+            found.append((float(value), edge - first if end == 0 else last - edge))
             first, last = (edge, last) if end == 0 else (first, edge)
         ends.append((np.array([v for v, _ in found]), np.array([c for _, c in found])))
     return Levels(number, step if number > 1 else 0.0, ends[0], ends[1])

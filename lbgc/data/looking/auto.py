@@ -30,7 +30,9 @@ class AnyLog(LogConfig):
             return mapping
         said = {key: value for key, value in mapping.items() if value is not None}
         given = said.pop("path", "")
-        apart = {key: said.pop(key) for key in ("angles_deg", "gap_s") if key in said}
+        apart: dict[str, Any] = {
+            key: said.pop(key) for key in ("angles_deg", "gap_s") if key in said
+        }
         path = str(given[0] if isinstance(given, list) and given else given)
         require(bool(path), "path", path, "must name a file")
         two = next(
@@ -54,7 +56,7 @@ class AnyLog(LogConfig):
             if guess.value is not None:
                 about = f"; {guess.doubt}" if guess.doubt else ""
                 print(f"found log.{guess.key}={guess.written}: {guess.why}{about}")
-        keys = look.keys | apart
+        keys = {**look.keys, **apart}
         return {**keys, "path": given} if isinstance(given, list) else keys
 
 

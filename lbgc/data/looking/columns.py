@@ -15,7 +15,6 @@ import numpy as np
 from lbgc.data.logconfig import NONE
 from lbgc.data.looking.guess import Guess
 from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
-from lbgc.data.readers.formats.table import Collected
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.units import FORCE_UNITS, STANDARD_GRAVITY
 
@@ -28,7 +27,6 @@ _ALIKE = 5.0
 """The most that the noise of a triad's axes differs, as a ratio."""
 _ONE_MAKE = 1.5
 """The most that it usually does."""
-_SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
 _OTHERS = {
     "temperature": re.compile(r"(^|[^a-z])(temp|temperature|temperatur|tmp|degc|kelvin)", re.I),
     "plate": re.compile(r"(^|[^a-z])(plate|table|turntable|stage|encoder|resolver|azimuth|angle)",
@@ -99,36 +97,6 @@ def find(sheet: Sheet) -> Columns:
     return Columns(
         tuple(six[:gyros]), tuple(six[gyros:]), time, others["plate"], left, tuple(guesses)
     )
-
-
-def layout(own: Sheet) -> str:
-    """What kind of file it is, a plain sentence."""
-    if isinstance(own.source, Collected):
-        table = own.source.table
-        return f"table {shown(table.name)}, of {table.rows} rows and {own.width} columns"
-    layout = getattr(own.source, "layout", None)
-    if layout is None:
-        return f"a Parquet file of {own.width} columns"
-    header = "a header" if own.has_header else "no header"
-    units = " and a row of units" if own.units else ""
-    before = f", its rows from line {layout.first + 1} on" if layout.first > 1 else ""
-    mark = ", with decimal commas" if layout.decimal == "," else ""
-    separator = _SEPARATORS.get(layout.separator, layout.separator)
-    return f"text of {own.width} columns between {separator}{mark}, {header}{units}{before}"
-
-
-def which(own: Sheet, found: Columns) -> str:
-    """Which columns are what, a plain sentence."""
-    parts = [
-        f"{kind} {', '.join(named(own, at) for at in places)}"
-        for kind, places in (
-            ("gyro", found.gyro),
-            ("accelerometer", found.accel),
-            ("time", found.time),
-        )
-        if places
-    ]
-    return "; ".join(parts)
 
 
 def _beside(

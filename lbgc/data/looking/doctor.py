@@ -3,6 +3,7 @@ of that is a guess."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 
 from lbgc import outputs
 from lbgc.data import logs
+from lbgc.data.checks.moved import PLATE
 from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.looking import columns, sensor, stretch, turned
+from lbgc.data.looking import columns, layout, sensor, stretch, turned
 from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
 from lbgc.data.readers import raw as readers
@@ -22,6 +24,7 @@ from lbgc.data.readers.picked import picked
 from lbgc.data.readers.raw import Raw, plate_unit
 from lbgc.data.readers.sheets import Sheet
 from lbgc.data.record import Record
+from lbgc.data.rests import longest_rest
 from lbgc.data.two_clocks import interleaved
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError, require
@@ -61,6 +64,12 @@ class Look:
     """Why it cannot be evaluated so; None where it can"""
     one_triad: bool = False
     """Whether it was read so far as its one triad's noise takes"""
+
+    @cached_property
+    def still(self) -> Record | None:
+        """The recording where it rests: all of it, or the longest rest of one whose plate turns"""
+        turns = self.record is not None and np.ptp(self.record.plate_angle) > PLATE
+        return longest_rest(self.record) if self.record is not None and turns else self.record
 
     @property
     def asks(self) -> list[Guess]:
@@ -158,7 +167,7 @@ def _examined(path: Path, case: _Case) -> bool:
 
 def _found(own: Sheet, case: _Case) -> bool:
     """Find the keys of an opened table; whether there are enough to read it."""
-    case.facts.append(columns.layout(own))
+    case.facts.append(layout.kind(own))
     found = columns.find(own)
     named = "columns" in case.said or {"gyro_columns", "accel_columns"} <= case.said.keys()
     for guess in found.guesses:
@@ -167,7 +176,7 @@ def _found(own: Sheet, case: _Case) -> bool:
     if not (found.gyro or found.accel or named):
         return False
     if not named:
-        case.facts.append(columns.which(own, found))
+        case.facts.append(layout.which(own, found))
     trial = _kept(case.keys) | {"latitude": 0.0, "repeats": case.said.get("repeats", "auto")}
     trial |= {k: case.said.get(k, "auto") for k in ("gyro_unit", "accel_unit")}
     trial |= {"axes": ["x", "y", "z"], "accel_axes": None} | dict.fromkeys(_BESIDE)
@@ -339,42 +348,40 @@ def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
     return str(found.value) if found.sure else None
 
 
-def _read(path: Path, name: str, case: _Case) -> Look:
-    """Read the file by what was found, as every command would."""
+def _read(path: Path, name: str, case: _Case, found: list[logs.Recording] | None = None) -> Look:
+    """Read the file by what was found, as every command would. found : what was read so already."""
     keys = {k: v for k, v in case.keys.items() if v is not None}
     look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
-    north = "latitude" in keys or keys["reader"] == "psins"
     config, refusal = LogConfig(**keys), None
     try:
         alone = logs.read_noise(config) if len(config.recorded) == 1 else []
         said = tuple(dict.fromkeys(note for own in alone for one in own for note in one.notes))
         look = replace(look, one_triad=bool(alone), notes=said)
-        found = logs.unchecked(config)
+        found = logs.unchecked(config) if found is None else found
     except InputError as error:
         return replace(look, refusal=error.with_traceback(None))
+    north = all(np.isfinite(own.record.latitude) for own in found)
     for asked in (True, False) if north else (False,):
         try:
             records = logs.checked(found, config, north=asked)
         except InputError as error:
             if error.name == "log.most_bias_deg_per_h" and "most_bias_deg_per_h" not in case.keys:
-                del found  # before it is read again
-                return _read_biased(look, case)
+                return _read(path, name, case, _biased(found, config, case))
             refusal = refusal or error.with_traceback(None)  # which would hold the recordings
             continue
         record = max(records, key=lambda own: len(own.gyro))
-        notes = record.notes if north else ()
-        return replace(look, record=record, notes=tuple(notes), refusal=refusal)
+        return replace(look, record=record, notes=record.notes, refusal=refusal)
     return replace(look, refusal=refusal)
 
 
-def _read_biased(look: Look, case: _Case) -> Look:
-    """Read a file whose bias exceeds what is taken as possible: the description says how large it
-    may be, and the doubt what that means."""
-    (record, *_) = logs.read(LogConfig(**look.keys), north=False)
+def _biased(found: list[logs.Recording], config: LogConfig, case: _Case) -> list[logs.Recording]:
+    """The recordings of a file whose bias exceeds what is taken as possible: the description says
+    how large it may be, and the doubt what that means."""
+    record = logs.checked(found, config, north=False)[0]
     off = sensor.least_bias(record.gyro.mean(0), record.accel.mean(0), record.latitude)
     most = float(f"{1.5 * off * PER_HOUR:.1g}")
     horizontal = EARTH_RATE * np.cos(record.latitude) * PER_HOUR
     why = f"its bias is {off * PER_HOUR:.4g} deg/h at the least, beside Earth's horizontal "
     why += f"{horizontal:.3g}: at rest it hides north, a turn of the plate takes it out"
     case.note(Guess("most_bias_deg_per_h", most, why))
-    return _read(look.path, look.name, case)
+    return [replace(own, config=replace(own.config, most_bias_deg_per_h=most)) for own in found]

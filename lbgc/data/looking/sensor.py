@@ -132,9 +132,11 @@ def _odds(log: Means, units: list[str], latitude: float | None) -> dict[str, flo
 def resting(log: Means, unit: str, latitude: float) -> Resting:
     """The means as the checks take them, in this unit, along the file's axes. Every bias that a
     gyro may have is possible."""
-    rate, noise, wanders = (own * rate_factor(unit, log.rate_hz) for own in log.rate)
+    factor = rate_factor(unit, log.rate_hz)
+    rate, noise, wanders = log.rate
     return Resting(
-        *(log.name, rate, noise, None, log.accel.mean(axis=0), latitude, wanders),
+        *(log.name, factor * rate, factor * noise, None, log.accel.mean(axis=0), latitude),
+        factor * wanders,
         limit=_MOST_BIAS * DEG,
     )
 

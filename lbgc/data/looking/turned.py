@@ -138,8 +138,8 @@ def plate(
     value = float(np.copysign(near, scale))
     told = f"{scale:.6g} deg by the gyros"
     if is_near:
-        return [column, Guess("plate_unit", "deg", "so that the scale is in it"),
-                Guess("plate_scale", value, f"a count is {told}, as of a usual encoder")]  # fmt: skip
+        scaled = Guess("plate_scale", value, f"a count is {told}, as of a usual encoder")
+        return [column, Guess("plate_unit", "deg", "so that the scale is in it"), scaled]
     doubt = "how many degrees are in one of its counts?"
     return [column, Guess("plate_scale", None, f"it is {told}", doubt, sure=False,
                           heading_only=True)]  # fmt: skip

@@ -134,6 +134,14 @@ def _beside(config: LogConfig) -> dict[str, Any]:
     return {key: getattr(config, key) for key in keys}
 
 
+def is_of_headings(path: Path) -> bool:
+    """Whether a directory holds CSV files alone whose names end with headings."""
+    every = outputs.listed(path, "*")
+    return bool(every) and all(
+        own.suffix == ".csv" and _HEADING_IN_NAME.search(own.stem) is not None for own in every
+    )
+
+
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `recordings`, for the published layout: one CSV file a recording, with the heading
     in whole degrees at the end of its name."""
@@ -351,7 +359,9 @@ def require_finite(
         for piece in pieces or [slice(0, len(values))]
         for own in blocks(piece.stop - piece.start)
     ]
-    bad = [np.argwhere(~(np.abs(values[own]) < _NONSENSE)) + [own.start, 0] for own in few]
+    bad = [
+        np.argwhere(~(np.abs(values[own]) < _NONSENSE)) + np.array([own.start, 0]) for own in few
+    ]
     if sum(map(len, bad)):
         row, column = np.concatenate(bad)[0]
         value = values[row, column]

@@ -3,6 +3,7 @@ file and in formats/feather.py only."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,10 @@ class Columns:
             opened = pa.parquet.ParquetFile(file, read_dictionary=texts, buffer_size=_BUFFER)
             flat = len(set(self.names)) == len(self.names) == opened.metadata.num_columns
             some = [self.names[at] for at in dict.fromkeys(which)]
-            for batch in opened.iter_batches(_TOGETHER, columns=some if flat else None):
+            groups = range(opened.num_row_groups)  # one by one, since Arrow reads ahead
+            for batch in chain.from_iterable(
+                opened.iter_batches(_TOGETHER, [group], some if flat else None) for group in groups
+            ):
                 rows = min(batch.num_rows, self.rows - count)
                 unfolded += max(batch.nbytes, 8 * batch.num_rows * batch.num_columns)
                 about = f"unfolds to {unfolded} bytes, and {LARGEST} are the most"

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.fft
 
 from lbgc.errors import require
 from lbgc.sensor import gaussian, noise
