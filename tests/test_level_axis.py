@@ -282,6 +282,22 @@ def test_a_base_that_moves_under_a_level_axis_is_refused(rolled):
         CLASSICAL["ekf"](replace(drawn.windows, accel=shaken).rows(slice(0, 4)), imu)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_base_that_sways_widens_what_least_squares_say(rolled, axis):
+    """About whichever axis: a block's rate scatters by twenty times the sensor's noise."""
+    imu, drawn = rolled
+    windows = drawn.windows.rows(slice(0, 20))
+    gyro = windows.gyro.copy()
+    noise = np.random.default_rng(6).standard_normal(gyro.shape[:2])
+    gyro[..., axis] += 20 * 9e-6 / np.sqrt(2.0) * noise
+    still, sways = (
+        CLASSICAL["two_position"](own, imu) for own in (windows, replace(windows, gyro=gyro))
+    )
+    assert np.median(sways.sigma) > 3 * np.median(still.sigma)
+    errors = wrap(sways.heading - drawn.heading[:20])
+    assert np.mean((errors / sways.sigma) ** 2) < 2.0
+
+
 def test_plates_about_two_axes_are_no_one_set():
     one = cut(mock_record(), 10.0)
     assert joined([one, one]).axis == 2
