@@ -36,6 +36,10 @@ class Said:
     dtype: list[str] | None = None
     skip_bytes: int | None = None
     columns: list[Any] | None = None
+    gyro_columns: str | list[Any] | None = None
+    accel_columns: str | list[Any] | None = None
+    gyro_rows: list[Any] | None = None
+    accel_rows: list[Any] | None = None
     time_column: Any = None
     time_unit: str | None = None
     rate_hz: float | None = None
@@ -43,8 +47,10 @@ class Said:
     repeats: str | None = None
     gyro_unit: str | None = None
     accel_unit: str | None = None
-    gyro_scale: float | None = None
-    accel_scale: float | None = None
+    gyro_scale: float | list[float] | None = None
+    accel_scale: float | list[float] | None = None
+    gyro_offset: float | list[float] | None = None
+    accel_offset: float | list[float] | None = None
     axes: list[str] | None = None
     accel_axes: list[str] | None = None
     temperature_column: Any = None
@@ -55,6 +61,8 @@ class Said:
     positions: list[list[float]] | None = None
     from_s: float | None = None
     to_s: float | None = None
+    leave_out: list[list[float]] | None = None
+    rows: list[Any] | None = None
 
     def keys(self) -> dict[str, Any]:
         """Those that are said."""

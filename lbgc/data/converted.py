@@ -11,11 +11,13 @@ from lbgc.data.readers.axes import matrix_of
 from lbgc.data.readers.blocks import blocks
 from lbgc.data.readers.raw import Raw
 from lbgc.errors import InputError, require
-from lbgc.frames import AXES
+from lbgc.frames import AXES, DOWN, wrap
 from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
 _UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
 """Units that depend on the value of g that a file states."""
+_LEVEL = 1.0 * DEG
+"""Angle of a plate about a level axis, rad, within which a reference's heading counts."""
 _UNEVEN_DEG = 5.0
 """Largest scatter of a reference instrument's headings, degrees, about one that turns with the
 plate."""
@@ -56,6 +58,10 @@ def _reference(raw: Raw, angle: np.ndarray) -> float | None:
     if raw.heading is None:
         return None if config.heading_deg is None else config.heading_deg * DEG
     at_zero = np.exp(1j * (raw.heading * DEG - angle))
+    if config.plate_axis != AXES[DOWN]:  # on its side, or over, a body has another heading
+        at_zero = np.exp(1j * raw.heading[np.abs(wrap(angle)) < _LEVEL] * DEG)
+        about = f"needs a time in which the plate about {config.plate_axis} is at zero"
+        require(len(at_zero) > 0, "log.heading_column", config.heading_column, about)
     mean = float(np.angle(at_zero.mean()))
     off = float(np.sqrt(np.mean(np.angle(at_zero * np.exp(-1j * mean)) ** 2))) / DEG
     if off > _UNEVEN_DEG:

@@ -146,7 +146,7 @@ class LogConfig:
     the header or the file's name, if there."""
     heading_column: Any = None
     """The column, by name or position, of a reference instrument's heading of the forward axis,
-    degrees, which turns with the plate."""
+    degrees, which turns with the plate; about a level axis it counts where the angle is zero."""
     heading_sigma_deg: float | None = None
     """1 sigma of that reference, degrees; null: it is not known."""
     plate_column: Any = None

@@ -43,9 +43,7 @@ _LEAST_BIAS = 1e-12
 _LEAST_VELOCITY = 1e-9
 """rad/s and m/s: far below any sensor's, so that nothing is divided by zero."""
 _LEAST_TURN = np.deg2rad(20.0)
-_ONE_FOR_THE_OTHER = (
-    "is not known, and the plate does not turn enough to tell a gyro's bias from north"
-)
+_ONE_FOR_THE_OTHER = "is not known; the plate does not turn enough to tell a bias from north"
 _RANK = 1e-9  # share of the largest singular value below which a direction counts as zero
 _NO_ANSWER = 1.0  # rad, heading's standard deviation from which on a bias hides north
 
@@ -156,7 +154,7 @@ def _bias_sizes(windows: Windows, imu: ImuModel | None) -> tuple[np.ndarray, np.
     law = reduced_order.of_gyro(imu, when)
     start, walk = reduced_order.turning(imu, when)
     by_rate = start + walk * when.duration_s / 2
-    turning = np.mean(windows.gyro[..., windows.axis], axis=1)[:, None] ** 2 * by_rate
+    turning = np.mean(windows.gyro[..., 2], axis=1)[:, None] ** 2 * by_rate
     every = np.sqrt(law.constant + law.wander + turning) + _LEAST_BIAS
     return np.sqrt(turning), np.asarray(every)
 

@@ -99,14 +99,14 @@ def _answer(windows: Windows, imu: ImuModel) -> Estimate:
     moves = np.flatnonzero(surprise > _MOVES)
     if not len(moves):
         return found
+    if windows.axis != DOWN:
+        about = "times the squared innovations that the sensor's model explains: the base moves, "
+        about += "which takes a plate about down, or the model is not this sensor's"
+        raise refusal("ekf", f"{surprise.max():.3g}", "", about)
     if windows.rate_hz < _SLOWEST_HZ:
         about = ("times the squared innovations that the sensor's model explains: the base moves, "
                  f"which takes samples at {_SLOWEST_HZ:g} Hz or faster, or the model is not this "
                  "sensor's")  # fmt: skip
-        raise refusal("ekf", f"{surprise.max():.3g}", "", about)
-    if windows.axis != DOWN:
-        about = "times the squared innovations that the sensor's model explains: the base moves, "
-        about += "which takes a plate about down, or the model is not this sensor's"
         raise refusal("ekf", f"{surprise.max():.3g}", "", about)
     swaying = windows.rows(moves)
     fast = cut_steps(swaying, imu, max(1, int(windows.rate_hz / _FAST_HZ)), True, "ekf")

@@ -76,16 +76,45 @@ def _covariance(
     return spread_of(imu, course, site, _weights(course, site, bias, *lean), lean)
 
 
+def _residual_forms(course: Course, bias: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The linear forms, (k, 6, n) each, of means in the body's axes that are the fit's residuals
+    summed in groups: across the axis, and along it."""
+    sums = groups(len(course.blocks))
+    two = _real(course, sums @ _fit(course, bias)[1]).reshape(-1, 3, sums.shape[1])
+    one = np.zeros((len(sums), 3, sums.shape[1]))
+    one[:, course.axis] = sums - sums.mean(axis=1, keepdims=True)
+    across_it, along_it = (np.concatenate([own, 0 * own], axis=1) for own in (two, one))
+    return across_it, along_it
+
+
 @lru_cache(maxsize=4096)
 def _most(
     imu: ImuModel, course: Course, site: Site, bias: bool, roll: float, pitch: float
-) -> float:
-    """The sum of squares of grouped residuals, (rad/s)^2, that the sensor's model rarely
+) -> tuple[float, ...]:
+    """The sums of squares of either residuals, (rad/s)^2, that the sensor's model rarely
     exceeds."""
-    grouped = groups(len(course.blocks)) @ _fit(course, bias)[1]
-    forms = _real(course, grouped).reshape(-1, 3, grouped.shape[1])
-    forms = np.concatenate([forms, 0 * forms], axis=1)
-    return explained(spread_of(imu, course, site, forms, (roll, pitch)))
+    forms = _residual_forms(course, bias)
+    return tuple(explained(spread_of(imu, course, site, own, (roll, pitch))) for own in forms)
+
+
+def _motion(
+    part: Levelled,
+    bias: bool,
+    own: list[tuple[ImuModel, Course, Site, bool, float, float]],
+    which: np.ndarray,
+) -> np.ndarray:
+    """Variance of a block's rate, (V,), (rad/s)^2, that the base's own motion adds: zero where the
+    model explains the residuals, else that of white noise that scatters as the largest of them
+    do. own : the arguments of `_most`, of each lean; which : (V,), the window's own among them."""
+    n, found = part.body.shape[2], np.zeros(len(part.body))
+    free = degrees(n, bias), degrees(n, False) // 2
+    if min(free) <= 0:
+        return found
+    most = np.array([_most(*lean) for lean in own])[which]
+    forms = _residual_forms(part.course, bias)
+    seen = np.stack([np.sum(np.einsum("kcn,vcn->vk", f, part.body) ** 2, axis=1) for f in forms], 1)
+    moves = (seen > most).any(axis=1)
+    return np.where(moves, (seen / free).max(axis=1), 0.0)
 
 
 def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 0.0) -> Estimate:
@@ -100,12 +129,11 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
         return least_squares.plain(part, bias, imu, bias_sigma)
     rate = np.einsum("cdn,vdn->vc", _in_base(course, bias), part.body[:, :3])
     z = np.einsum("vij,vj->vi", part.base, rate)[:, :2] * [1, -1] / site.north
-    i, j = across(course.axis)
-    left = (part.body[:, i] + 1j * part.body[:, j]) @ _fit(course, bias)[1].T
-    free = degrees(left.shape[1], bias)
     level = _weights(course, site, bias, 0.0, 0.0)
     unit = np.einsum("ian,jan->ij", level[:, :3], level[:, :3])
     if imu is None:
+        i, j = across(course.axis)
+        left = (part.body[:, i] + 1j * part.body[:, j]) @ _fit(course, bias)[1].T
         whole = 2 * left.shape[1] - 2 - 2 * bias
         square = np.sum(np.abs(left) ** 2, axis=1) / whole if whole > 0 else np.full(len(z), np.nan)
         spread = square[:, None, None] * unit + (bias_sigma / site.north) ** 2 * np.eye(2)
@@ -114,10 +142,7 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
         leans, which = apart(part.base)
         own = [(imu, course, site, bias, *lean) for lean in leans.tolist()]
         spread = np.stack([_covariance(*lean) for lean in own])[which]
-        seen = np.sum(np.abs(left @ groups(left.shape[1]).T) ** 2, axis=1)
-        if free > 0:
-            most = np.array([_most(*lean) for lean in own])[which]
-            spread = spread + np.where(seen > most, seen / free, 0.0)[:, None, None] * unit
+        spread = spread + _motion(part, bias, own, which)[:, None, None] * unit
         spread = widened(z, spread, known=True)
     h, J = circle.measured(z, spread)
     heading = circle.mode(h, J)

@@ -21,6 +21,7 @@ from lbgc.data.checks.triads import (
     motions,
 )
 from lbgc.data.checks.turns import (
+    axis_finding,
     bias_note,
     is_told,
     level_finding,
@@ -31,6 +32,7 @@ from lbgc.data.checks.turns import (
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.data.rests import rests
+from lbgc.frames import DOWN
 from lbgc.sensor.imu import ImuModel
 
 ANYWHERE = np.pi / 4
@@ -133,8 +135,11 @@ def _turned_findings(
     if own is None:
         yield from _resting_findings(level_part, config, imu, north)
         return
+    sense, other = sense_finding(own, config), axis_finding(own, config)
+    if other is not None or (sense is not None and own.axis != DOWN):
+        yield from (one for one in (other or sense,) if one is not None)
+        return  # the mean force, of which all is told, is then wrong
     rest = own.resting(resting_part)
-    sense = sense_finding(own, config)
     fallen = None if sense else level_finding(own)
     force = (
         None

@@ -7,7 +7,6 @@ from typing import Any
 from lbgc.errors import InputError
 
 CHECKS = (
-    "mixed",
     "stuck",
     "outliers",
     "rail",
@@ -23,6 +22,7 @@ CHECKS = (
     "vertical",
     "forward",
     "mirrored",
+    "mixed",
 )
 """The names of the checks, by which a log's `accept` overrides them."""
 

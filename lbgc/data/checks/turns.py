@@ -241,13 +241,6 @@ def sense_finding(own: Turning, config: LogConfig) -> Finding | None:
     plate's angles say: the other way, or as if they were of the other unit; None where neither
     does, or where it cannot be told."""
     key, value = _stated(own, config)
-    if own.axis != DOWN:
-        level = [k for k in range(3) if k != DOWN and own.falls(k) < _STRAY]
-        axis = min(level, key=own.chi_about, default=own.axis)
-        if own.chi_about(own.axis) > _RATIO * own.chi_about(axis) + _EVIDENCE:
-            says = f"{own.name}: over these positions the rates turn about the {AXES[axis]} axis, "
-            says += f"and not about {AXES[own.axis]}; log.plate_axis={AXES[axis]}"
-            return Finding("turned", key, value, "", says)
     chi = own.chi(1.0)
     best, by = min(_OTHERS, key=own.chi), "the rates turn"
     least = own.chi(best)
@@ -262,6 +255,27 @@ def sense_finding(own: Turning, config: LogConfig) -> Finding | None:
     elif config.plate_column is not None:
         says += "; log.plate_unit says which"
     return Finding("turned", key, value, "", says)
+
+
+def axis_finding(own: Turning, config: LogConfig) -> Finding | None:
+    """The finding that the plate turned about another axis than the stated one: by gravity, or by
+    Earth's rate where gravity turns alike about both level axes; None where neither says so."""
+    others = [k for k in range(3) if own.falls(k) < _STRAY]
+    apart = own.falls(own.axis)
+    if apart > _FALLS and others:
+        says = "deg between positions"
+        says += "" if own.axis == DOWN else ", turned back by the plate's angles"
+        says += f": the sensor was turned about another axis than its {AXES[own.axis]} one; "
+        says += f"log.plate_axis={' or '.join(AXES[k] for k in others)} would make sense"
+        name = f"{own.name}: the vertical turns"
+        return Finding("vertical", name, f"{apart / DEG:.3g}", "", says)
+    level = [k for k in others if k != DOWN]
+    axis = min(level, key=own.chi_about, default=own.axis)
+    if own.axis == DOWN or own.chi_about(own.axis) < _RATIO * own.chi_about(axis) + _EVIDENCE:
+        return None
+    says = f"{own.name}: over these positions the rates turn about the {AXES[axis]} axis, and not "
+    says += f"about {AXES[own.axis]}; log.plate_axis={AXES[axis]}"
+    return Finding("turned", *_stated(own, config), "", says)
 
 
 def is_told(own: Turning) -> bool:
@@ -300,15 +314,10 @@ def level_finding(own: Turning) -> Finding | None:
     sensor or its base was moved; None where it is."""
     apart = own.falls(own.axis)
     if apart > _FALLS:
-        says = "deg between positions"
-        says += "" if own.axis == DOWN else ", turned back by the plate's angles"
-        says += f": the sensor was turned about another axis than its {AXES[own.axis]} one"
-        other = [name for k, name in enumerate(AXES) if own.falls(k) < _STRAY]
-        if other:
-            says += f"; log.plate_axis={' or '.join(other)} would make sense"
-        return Finding(
-            "vertical", f"{own.name}: the vertical turns", f"{apart / DEG:.3g}", "", says
-        )
+        says = "deg between positions, turned back by the plate's angles about its "
+        says += f"{AXES[own.axis]} axis: these, or the axis (log.plate_axis), are wrong"
+        name = f"{own.name}: the vertical turns"
+        return Finding("vertical", name, f"{apart / DEG:.3g}", "", says)
     off = own.lean_left(1.0)
     if off < (_TILTS if len(own.angle) > 2 or own.axis == DOWN else _STRAY / 2):
         return None
@@ -336,7 +345,7 @@ def bias_note(own: Turning) -> str:
     if own.axis != DOWN:
         says += "; the vertical, turned back by the plate's angles, stays within "
         says += f"{own.falls(own.axis) / DEG:.2g} deg, the accelerometers' bias included; "
-        says += f"the bias {AXES[own.axis]} is taken for north"
+        says += f"the bias {AXES[own.axis]}, along the axis, stays in north"
     return says
 
 

@@ -223,7 +223,8 @@ def _by_value(
         return six, Guess("columns", one, why)
     if not ways:
         none = "no three columns side by side have together 1 g beside three that may be gyros"
-        return [], Guess("columns", None, none, "which six are they?", sure=False)
+        doubt = "which six are they, or which three (log.gyro_columns with log.accel_columns=none)?"
+        return [], Guess("columns", None, none, doubt, sure=False)
     several = "; or ".join("[" + ",".join(str(at + 1) for at in six) + "]" for six in ways[:4])
     why = f"several may be: {several}"
     return [], Guess("columns", None, why, "which six are they?", sure=False)
