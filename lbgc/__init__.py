@@ -21,7 +21,9 @@ Samples
 
 Labels
     ``heading`` is the test module's true heading when the plate's encoder reads zero; the encoder
-    is zeroed at each recording's start. Heading at a time is ``heading + plate_angle``.
+    is zeroed at each recording's start. Heading at a time is ``heading + plate_angle`` of a plate
+    about down; one about the body's forward or right axis is level at angle zero. Angles are
+    positive by the right-hand rule about the body's axis.
     A log's angle is as its user states it; its heading is where that is zero.
     ``heading_reference`` is what the control module's erring reading implies for it: train on the
     reference, score on the truth; real logs have only a reference, and results say so.

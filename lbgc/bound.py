@@ -24,12 +24,14 @@ from lbgc.estimators.floor import (
     SETTLE_S,
     course_of,
     expected_floor,
+    is_linear,
     small_errors,
 )
 from lbgc.estimators.information import Information, budget, information
 from lbgc.estimators.least_squares import LEANS
 from lbgc.estimators.posterior import AS_LENGTHS
 from lbgc.estimators.reduced_order import When, like_north
+from lbgc.frames import AXES, DOWN
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig
 from lbgc.report.figures import bound_against_time, png
@@ -156,12 +158,13 @@ def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, floa
             for p, n in _spread_about(lean, config.level_error_deg)
         ]
         closed = float(np.sqrt(sum(p * small_errors(told) for p, told in nearby) + reference**2))
+        small = closed < AS_LENGTHS and all(is_linear(told) for _, told in nearby)
         draws = DRAWS // len(nearby)
         errors = [p * expected_floor(told, draws=draws) ** 2 for p, told in nearby]
         rows.append(
             {
                 "window_s": window,
-                "crlb_deg": float(np.rad2deg(closed)) if closed < AS_LENGTHS else float("nan"),
+                "crlb_deg": float(np.rad2deg(closed)) if small else float("nan"),
                 "floor_deg": float(np.rad2deg(np.sqrt(sum(errors) + reference**2))),
                 "worst_roll_deg": float(np.rad2deg(lean[0])),
                 "worst_pitch_deg": float(np.rad2deg(lean[1])),
@@ -176,6 +179,8 @@ def _mimicking(config: BoundConfig) -> list[str]:
     if not model.feels_field:
         return []
     gyro = replace(model.gyro, drawn=tuple(e for e in model.gyro.drawn if e.follows == FIELD))
+    if config.protocol.axis != AXES[DOWN]:  # there what is cut off is the bias along the axis
+        return []
     when = When(0.0, 0 * one, config.site.latitude * one, config.site.gravity * one)
     turn = np.linspace(0, 2 * np.pi, 8, endpoint=False)[None]
     rate = np.sqrt(like_north(replace(model, gyro=gyro), when, turn)[0]) / config.site.north
@@ -256,12 +261,13 @@ def _curves(config: BoundConfig) -> dict[str, tuple[list[float], list[float]]]:
         ("carousel", "carousel", (0.0,)),
     ]
     others = [
-        replace(own, name=name, kind=kind, angles_deg=angles, dwell_s=None)
+        replace(own, name=name, kind=kind, angles_deg=angles, dwell_s=None, axis=AXES[DOWN])
         for name, kind, angles in kinds
     ]
     protocols = {p.name: p for p in others}
     taken = protocols.get(own.name, own)
-    alike = own.kind == taken.kind and (own.kind != "indexed" or own.angles_deg == taken.angles_deg)
+    alike = (own.kind, own.axis) == (taken.kind, taken.axis)
+    alike &= own.kind != "indexed" or own.angles_deg == taken.angles_deg
     protocols[own.name if alike else f"{own.name} (chosen)"] = own
     longest = max(config.windows_s)
     shortest = max(min(10.0, longest / 4), 1 / config.rate_hz)

@@ -14,8 +14,7 @@ from tqdm import tqdm
 from lbgc.commands import CONF, run_main
 from lbgc.data import curves, finished_fits, logs
 from lbgc.data.looking.auto import NoiseLog
-from lbgc.data.record import require_one_rate
-from lbgc.data.static import AXES, PARTS, Static, require_steady
+from lbgc.data.static import AXES, PARTS, Static, at_rest, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, build, require, require_not_negative, require_positive
 from lbgc.estimators.level import tilts_of
@@ -45,7 +44,6 @@ from lbgc.sensor.fitting.population import FEWEST as FEWEST_UNITS
 from lbgc.sensor.fitting.temperature import sensitivity
 from lbgc.user_yaml import parse
 
-SHORTEST_S = 60.0
 MOST_OUTLIERS = 0.02
 """Share of an axis's samples that may be spikes and knocks."""
 
@@ -118,33 +116,45 @@ def main(config: FitConfig) -> Path:
         return _of_curves(config)
     if config.units is not None:
         return _of_units(config.units)
-    static = _read(config)
+    read = _read(config)
     if config.robust:
-        static = _without_outliers(static)
-    static, warmth = _without_temperature(static, config.corners)
-    _require_steady(static, config.corners)
-    directory = task_directory("fit", fingerprint({**asdict(config), "of": static.name}))
-    fits = _fitted(static, config, directory / "axes")
+        read = [_without_outliers(static) for static in read]
+    told = [_without_temperature(static, config.corners) for static in read]
+    statics = [static for static, _ in told]
+    warmth = {part: own for _, found in told for part, own in found.items()}
+    del read, told
+    for static in statics:
+        _require_steady(static, config.corners)
+    directory = task_directory("fit", fingerprint({**asdict(config), "of": statics[0].name}))
+    fits: dict[str, list[Fit]] = {}
+    for static in statics:
+        fits |= _fitted(static, config, directory / "axes")
     (directory / "imu").mkdir(exist_ok=True)
-    print(report(static, fits))
-    calibration = None
-    if static.heading is not None and len(static.heading) >= FEWEST:
-        calibration = _calibrated(static)
-    sizes = bias_sizes(static, fits)
-    if calibration is not None:
-        del sizes["gyro"]
-    yaml = sensor_yaml(config.name, static, fits, calibration, sizes, warmth)
+    for static in statics:
+        print(report(static, fits))
+    calibration = _calibrated(statics)
+    sizes = bias_sizes(statics, fits)
+    if not np.isfinite(statics[0].latitude):
+        print("bias: not told, since log.latitude is not given: neither is Earth's rate")
+    if calibration is not None or any(static.turned for static in statics):
+        sizes.pop("gyro", None)
+    yaml = sensor_yaml(config.name, statics, fits, calibration, sizes, warmth)
     write_atomically(directory / "imu" / f"{config.name}.yaml", yaml)
     content = of_axes(fits)
     for part, own in warmth.items():
         for axis, one in zip(content[part], own, strict=True):
             axis["bias_per_k"] = None if one is None else asdict(one)
     write_atomically(directory / "fit.json", as_json(content) + "\n")
-    _export(yaml, 1 / static.dt, config.export, directory / "export")
+    _export(yaml, 1 / statics[0].dt, config.export, directory / "export")
+    for static in statics:
+        for part, values in static.triads.items():
+            data = AllanData(part, values, static.dt, static.latitude)
+            for name, figure in allan_page.draw(data, fits[part]).items():
+                write_atomically(directory / f"{name}.png", png(figure))
     for part in PARTS:
-        data = AllanData(part, getattr(static, part), static.dt, static.latitude)
-        for name, figure in allan_page.draw(data, fits[part]).items():
-            write_atomically(directory / f"{name}.png", png(figure))
+        if part not in fits:
+            what = "gyros" if part == "gyro" else "accelerometers"
+            print(f"no {what} were recorded: {config.name} has none of their errors, and says so")
     return _finished(directory, config.name)
 
 
@@ -200,6 +210,7 @@ def _of_units(directories: list[str]) -> Path:
     for k, one in enumerate(units):
         require(one not in units[:k], "units", directories[k], "has the same fit as another unit")
     told = population.populations(units)
+    require(bool(told), "units", directories, "have no triad in common")
     print(population.report(told, len(units)))
     directory = task_directory("fit", fingerprint({"units": directories}))
     content = {"units": directories, **population.as_content(told)}
@@ -218,10 +229,13 @@ def _file_names(given: str | list[str]) -> str:
 def _without_outliers(static: Static) -> Static:
     """The recordings without spikes and short knocks; what was found is printed. Raises InputError
     where so much is that it is no exception."""
-    values = {part: np.empty(getattr(static, part).shape) for part in PARTS}
-    for which, part in enumerate(PARTS):
+    values: dict[str, np.ndarray] = {
+        part: np.empty(own.shape) for part, own in static.triads.items()
+    }
+    for part in values:
+        which = PARTS.index(part)
         for axis, name in enumerate(AXES):
-            series = getattr(static, part)[:, :, axis]
+            series = static.triads[part][:, :, axis]
             values[part][:, :, axis], found = without_outliers(series, static.dt)
             print(of_outliers(f"{part} {name}", found, which))
             share = 0.0 if found is None else found.share
@@ -229,7 +243,7 @@ def _without_outliers(static: Static) -> Static:
                 f"of {part} {name} are far from its noise: that is no exception but what it does"
             )
             require(share <= MOST_OUTLIERS, "robust", f"{100 * share:.2g}% of the samples", about)
-    return replace(static, gyro=values["gyro"], accel=values["accel"])
+    return static.with_triads(values)
 
 
 def _without_temperature(static: Static, corners: tuple[float, float]) -> tuple[Static, Warmth]:
@@ -238,9 +252,10 @@ def _without_temperature(static: Static, corners: tuple[float, float]) -> tuple[
     if static.temperature is None:
         return static, {}
     off = static.temperature - static.temperature.mean()
-    values = {part: np.array(getattr(static, part)) for part in PARTS}
-    found: Warmth = {part: [] for part in PARTS}
-    for which, part in enumerate(PARTS):
+    values = {part: np.array(own) for part, own in static.triads.items()}
+    found: Warmth = {part: [] for part in values}
+    for part in values:
+        which = PARTS.index(part)
         for axis, name in enumerate(AXES):
             series = values[part][:, :, axis]
             one = sensitivity(series, static.temperature, static.dt, corners)
@@ -248,7 +263,7 @@ def _without_temperature(static: Static, corners: tuple[float, float]) -> tuple[
             if one is not None and one.is_told:
                 series -= one.value * off
             found[part].append(one)
-    return replace(static, gyro=values["gyro"], accel=values["accel"]), found
+    return static.with_triads(values), found
 
 
 def _require_steady(static: Static, corners: tuple[float, float]) -> None:
@@ -257,28 +272,36 @@ def _require_steady(static: Static, corners: tuple[float, float]) -> None:
     try:
         require_steady(static)
     except InputError:
-        gyro, accel = (
-            np.stack(
-                [[warmup.taken_out(x, static.dt, corners, len(part))[0] for x in r.T] for r in part]
-            )
-            for part in (static.gyro, static.accel)
-        )
-        require_steady(replace(static, gyro=gyro.swapaxes(1, 2), accel=accel.swapaxes(1, 2)))
+        values = {
+            part: np.stack(
+                [[warmup.taken_out(x, static.dt, corners, len(own))[0] for x in r.T] for r in own]
+            ).swapaxes(1, 2)
+            for part, own in static.triads.items()
+        }
+        require_steady(static.with_triads(values))
 
 
-def _calibrated(static: Static) -> Calibration | None:
-    """The calibration of bias by lifetime, which is printed. Where the recordings do not tell it,
-    the reason is printed, and it is None."""
-    assert static.heading is not None
-    names = [f"{static.name}, recording {i}" for i in range(len(static.heading))]
-    rates = static.gyro.mean(axis=1)
+def _calibrated(statics: Sequence[Static]) -> Calibration | None:
+    """The calibration of bias by lifetime, which is printed; None where the headings of few
+    recordings are known, or a triad is missing. Where the recordings do not tell it, the reason is
+    printed, and it is None."""
+    triads = {part: own for static in statics for part, own in static.triads.items()}
+    first = statics[0]
+    placed = first.heading is not None and np.isfinite(first.latitude)
+    if not placed or first.heading is None or len(first.heading) < FEWEST:
+        return None
+    if len(triads) < len(PARTS) or len({len(own) for own in triads.values()}) > 1:
+        print("no bias by lifetime: it takes both triads in each recording")
+        return None
+    names = [f"{first.name}, recording {i}" for i in range(len(first.heading))]
     try:
-        tilt = tilts_of(static.accel.mean(axis=1), names)
+        tilt = tilts_of(triads["accel"].mean(axis=1), names)
     except InputError as error:
         print(f"no bias by lifetime: {error}")
         return None
-    found = calibrate(rates, static.heading, static.latitude, static.session, tilt)
-    print(calibration_table.report(found, static.name))
+    rates = triads["gyro"].mean(axis=1)
+    found = calibrate(rates, first.heading, first.latitude, first.session, tilt)
+    print(calibration_table.report(found, first.name))
     return found
 
 
@@ -286,8 +309,8 @@ def _fitted(static: Static, config: FitConfig, directory: Path) -> dict[str, lis
     """The fits of all axes, with the shorter flicker corner that the data prefer unless one is
     given. Each is written to the directory at once, so that a later failure loses nothing."""
     directory.mkdir(exist_ok=True)
-    fits = _each_axis(static, config, directory, PARTS, config.corners)
-    for part in PARTS if config.flicker_short_s is None else ():
+    fits = _each_axis(static, config, directory, list(static.triads), config.corners)
+    for part in static.triads if config.flicker_short_s is None else ():
         short = corner.chosen([fit.short_corners for fit in fits[part]])
         if short != corner.USUAL:
             corners = (short, config.flicker_long_s)
@@ -306,11 +329,7 @@ def _each_axis(
     corners: tuple[float, float],
 ) -> dict[str, list[Fit]]:
     """The fits of all axes of these triads with these flicker corners, s."""
-    series = {
-        (part, axis): np.ascontiguousarray(getattr(static, part)[:, :, axis])
-        for part in parts
-        for axis in range(3)
-    }
+    series = {(part, axis): static.triads[part][:, :, axis] for part in parts for axis in range(3)}
     done: dict[axes.Name, Fit] = {}
     with tqdm(total=len(series), desc="fitting", leave=False) as bar:
 
@@ -326,53 +345,28 @@ def _each_axis(
     return {part: [done[part, axis] for axis in range(3)] for part in parts}
 
 
-def _read(config: FitConfig) -> Static:
-    """The resting recordings that the configuration names. Raises InputError where the plate turns
-    or they are shorter than a minute."""
-    session = None
+def _read(config: FitConfig) -> list[Static]:
+    """The resting recordings that the configuration names, those of plates that turn without their
+    turns: all of them, or those of each triad where these have clocks of their own. What was noted
+    of them is printed."""
     if config.log is not None:
         accept = [*config.log.accept, *(["outliers"] if config.robust else [])]
-        records = list(logs.read(replace(config.log, accept=accept), north=False))
-        require_one_rate(records)
-        for note in dict.fromkeys(note for record in records for note in record.notes):
-            print(note)
-        name, key = config.log.name, "log"
-        if config.log.session is not None:
-            session = np.zeros(len(records), int)
+        groups = logs.read_noise(replace(config.log, accept=accept))
+        name = config.log.name
+        sessions = [None if config.log.session is None else np.zeros(len(own), int)
+                    for own in groups]  # fmt: skip
     else:
         assert config.data is not None
         dataset = Dataset.open_finished(config.data)
-        records = list(dataset.records(np.arange(min(len(dataset), 64))))
-        session = dataset.label("session")[: len(records)]
-        name, key = shown(dataset.path), "data"
-    still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
-    require(still, key, name, "has a plate that turns; noise is fitted to resting recordings")
-    headings = [r.heading_reference for r in records]
-    first = round(config.skip_s * records[0].rate_hz)
-    n, longest = (f(len(r.gyro) for r in records) for f in (min, max))
-    if n < longest:
-        print(
-            f"lengths: recordings have {n / records[0].rate_hz:g} to "
-            f"{longest / records[0].rate_hz:g} s, and the first {n / records[0].rate_hz:g} s of "
-            "each are used; their biases are free"
-        )
-    seconds = max(0, n - first) / records[0].rate_hz
-    if seconds < SHORTEST_S:
-        raise InputError(
-            name, f"{seconds:g}", "s", f"is too short to tell noise from bias; {SHORTEST_S:g} s "
-            "at the least, and an hour to see a bias instability"
-        )  # fmt: skip
-    warmth = [r.temperature[first:n] for r in records if r.temperature is not None]
-    return Static(
-        name,
-        np.stack([r.gyro[first:n] for r in records]),
-        np.stack([r.accel[first:n] for r in records]),
-        1 / records[0].rate_hz,
-        records[0].latitude,
-        None if any(h is None for h in headings) else np.array(headings, dtype=float),
-        session,
-        np.stack(warmth) if len(warmth) == len(records) else None,
-    )
+        groups = [list(dataset.records(np.arange(min(len(dataset), 64))))]
+        name, sessions = shown(dataset.path), [dataset.label("session")[: len(groups[0])]]
+    found = [
+        at_rest(name, own, session, config.skip_s)
+        for own, session in zip(groups, sessions, strict=True)
+    ]
+    for note in dict.fromkeys(note for _, notes in found for note in notes):
+        print(note)
+    return [static for static, _ in found]
 
 
 if __name__ == "__main__":

@@ -7,6 +7,9 @@ vectors, and a fifth for `rotation_matrix`; recordings in a vehicle take 4% long
 
 import numpy as np
 
+AXES = ("forward", "right", "down")
+"""The body's axes, by their numbers."""
+DOWN = 2
 NED_FROM_NWU = np.diag([1.0, -1.0, -1.0])
 """Matrix that takes components in MuJoCo's world, North-West-Up, to n."""
 
@@ -21,18 +24,31 @@ def rotation_z(angle: np.ndarray | float) -> np.ndarray:
     return euler_to_matrix(0.0, 0.0, angle)
 
 
-def turned(values: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Vectors turned by an angle about the down axis, C(angle) v; a third component, if there is
-    one, stays.
+def rotation(angle: np.ndarray | float, axis: int) -> np.ndarray:
+    """The rotation by an angle about one of the axes, by the right-hand rule: (*S) in rad ->
+    (*S, 3, 3)."""
+    return euler_to_matrix(*(angle if axis == own else 0.0 for own in range(3)))
 
-    values : (*S, 2 or 3); angle : rad, broadcasts with S, so that one angle can turn a whole row.
+
+def across(axis: int) -> tuple[int, int]:
+    """The two axes across one, in the order in which they are right-handed with it."""
+    return (axis + 1) % 3, (axis + 2) % 3
+
+
+def turned(values: np.ndarray, angle: np.ndarray, axis: int = DOWN) -> np.ndarray:
+    """Vectors turned by an angle about one of the axes, C(angle) v; the component along it stays.
+
+    values : (*S, 3), or (*S, 2) without the down component; angle : rad, broadcasts with S, so that
+    one angle can turn a whole row.
     """
     c, s = np.cos(angle), np.sin(angle)
-    x, y = values[..., 0], values[..., 1]
+    i, j = across(axis)
+    x, y = values[..., i], values[..., j]
     out = np.empty((*np.broadcast_shapes(x.shape, c.shape), values.shape[-1]))
-    out[..., 0] = c * x - s * y
-    out[..., 1] = s * x + c * y
-    out[..., 2:] = values[..., 2:]
+    out[..., i] = c * x - s * y
+    out[..., j] = s * x + c * y
+    if values.shape[-1] == len(AXES):
+        out[..., axis] = values[..., axis]
     return out
 
 

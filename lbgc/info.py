@@ -65,7 +65,8 @@ def _whole(dataset: Dataset) -> list[str]:
     return [
         f"{dataset.place}: dataset {dataset.identity}, schema {layout.schema}",
         f"sensor       {shown(imu.get('name', 'unknown'))}",
-        f"protocol     {shown(protocol.get('kind', 'unknown'))}",
+        f"protocol     {shown(protocol.get('kind', 'unknown'))}"
+        + (f" about {shown(protocol['axis'])}" if "axis" in protocol else ""),
         f"recordings   {layout.recordings} of {layout.samples / layout.rate_hz:g} s: "
         f"{layout.samples} values at {layout.rate_hz:g} Hz",
         f"shards       {layout.shards} of {layout.shard} recordings at most",

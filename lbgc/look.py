@@ -6,6 +6,7 @@ python lbgc/look.py FILE log.latitude=48.1
 import re
 import sys
 from dataclasses import asdict, dataclass, field
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from tqdm import tqdm
 
 from lbgc.commands import run_main
 from lbgc.data.looking.doctor import looked
-from lbgc.data.readers.raw import find
+from lbgc.data.readers.formats.files import is_bag_directory
+from lbgc.data.readers.raw import find, is_of_headings
 from lbgc.errors import InputError, require
-from lbgc.outputs import fingerprint, mark_latest, shown, task_directory, write_atomically
+from lbgc.outputs import fingerprint, listed, mark_latest, shown, task_directory, write_atomically
 from lbgc.report import look_text
 from lbgc.report.figures import png
 from lbgc.report.look_page import draw
@@ -34,6 +36,10 @@ class Said:
     dtype: list[str] | None = None
     skip_bytes: int | None = None
     columns: list[Any] | None = None
+    gyro_columns: str | list[Any] | None = None
+    accel_columns: str | list[Any] | None = None
+    gyro_rows: list[Any] | None = None
+    accel_rows: list[Any] | None = None
     time_column: Any = None
     time_unit: str | None = None
     rate_hz: float | None = None
@@ -41,12 +47,22 @@ class Said:
     repeats: str | None = None
     gyro_unit: str | None = None
     accel_unit: str | None = None
-    gyro_scale: float | None = None
-    accel_scale: float | None = None
+    gyro_scale: float | list[float] | None = None
+    accel_scale: float | list[float] | None = None
+    gyro_offset: float | list[float] | None = None
+    accel_offset: float | list[float] | None = None
     axes: list[str] | None = None
     accel_axes: list[str] | None = None
+    temperature_column: Any = None
+    heading_column: Any = None
+    plate_column: Any = None
+    plate_unit: str | None = None
+    plate_scale: float | None = None
+    positions: list[list[float]] | None = None
     from_s: float | None = None
     to_s: float | None = None
+    leave_out: list[list[float]] | None = None
+    rows: list[Any] | None = None
 
     def keys(self) -> dict[str, Any]:
         """Those that are said."""
@@ -68,7 +84,6 @@ class LookConfig:
 
     def __post_init__(self) -> None:
         require(bool(self.files), "files", self.files, "give a log: python lbgc/look.py FILE")
-        require(self.name is None or len(self.files) == 1, "name", self.name, "is for one file")
         good = self.name is None or self.name.isidentifier()
         require(good, "name", self.name, "must be a plain word")
 
@@ -77,34 +92,54 @@ def main(config: LookConfig) -> Path:
     """Examine every file; print, draw and write what was found; return the directory of the
     pictures."""
     directory = task_directory("look", fingerprint(asdict(config)))
-    refused: InputError | None = None
-    for file in tqdm(config.files, "looking", leave=False, disable=len(config.files) < 2):
+    files = [own for file in config.files for own in _files_of(file)]
+    require(config.name is None or len(files) == 1, "name", config.name, "is for one file")
+    refused: dict[str, InputError] = {}
+    names: set[str] = set()
+    for file in tqdm(files, "looking", leave=False, disable=len(files) < 2):
         try:
-            _one(file, config, directory)
+            names.add(_one(file, config, directory, names))
         except InputError as error:
-            if len(config.files) == 1:
+            if len(files) == 1:
                 raise
-            refused = refused or error
-            print(f"{shown(file)}: {error}\n")
-    if refused is not None and not any(directory.iterdir()):
-        raise refused
+            refused[file] = error
+        print()
+    if len(refused) == len(files):
+        raise next(iter(refused.values()))
+    if refused:
+        print(f"{len(refused)} of {len(files)} are no logs that can be read:")
+        for file, why in refused.items():
+            print(f"  {shown(file)}: {why}")
     mark_latest(directory)
     return directory
 
 
-def _one(file: str, config: LookConfig, directory: Path) -> None:
-    """Examine one file."""
+def _files_of(file: str) -> list[str]:
+    """The logs that a path names: itself, or the files of a directory which is no log by itself, as
+    a bag's is, or one of recordings at stated headings."""
+    path = find(file)
+    if not path.is_dir() or is_bag_directory(path) or is_of_headings(path):
+        return [file]
+    found = [own for own in listed(path, "*") if own.is_file() or is_bag_directory(own)]
+    require(bool(found), "files", file, "is a directory without files")
+    return [str(own) for own in found]
+
+
+def _one(file: str, config: LookConfig, directory: Path, taken: set[str]) -> str:
+    """Examine one file; returns the name of its description, which is none of those taken."""
     look = looked(find(file), config.log.keys())
     name = config.name or _word(look.name)
-    print(look_text.report(look))
-    if look.record is not None:
+    name = next(own for own in chain([name], (f"{name}_{k}" for k in count(2))) if own not in taken)
+    found = None if look.still is None else look_text.deviations(look.still)
+    print(look_text.report(look, found))
+    if found is not None:
         picture = directory / f"{name}.png"
-        write_atomically(picture, png(draw(look)))
+        write_atomically(picture, png(draw(look, found)))
         print(f"picture: {picture}")
     if look.asks:
         print(look_text.asked(look, file))
     if not look.is_described:
-        return
+        return name
     description = Path(config.out) / "log" / f"{name}.yaml"
     if description.exists() and not description.read_text(errors="replace").startswith(_OURS):
         raise InputError("name", name, "", f"{description} is there and is not of this command: "
@@ -113,6 +148,7 @@ def _one(file: str, config: LookConfig, directory: Path) -> None:
     write_atomically(description, look_text.description(look, _OURS))
     print(f"description: {description}")
     print(look_text.commands(look, config.out, name))
+    return name
 
 
 def _word(name: str) -> str:

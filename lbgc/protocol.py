@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 
 from lbgc.errors import InputError, require, require_choice, require_name, require_positive
+from lbgc.frames import AXES, DOWN
 
 KINDS = ("static", "heading_scan", "indexed", "carousel")
 STAGES = ("rest", "slew", "settle")
@@ -16,7 +17,8 @@ REST, SLEW, SETTLE = range(len(STAGES))
 
 @dataclass(frozen=True)
 class ProtocolConfig:
-    """The keys of `conf/protocol/*.yaml`. Clockwise is positive."""
+    """The keys of `conf/protocol/*.yaml`. Angles are positive by the right-hand rule: about down,
+    clockwise seen from above."""
 
     name: str = "heading_scan"
     """Its name in reports."""
@@ -24,6 +26,9 @@ class ProtocolConfig:
     """static: the plate stays where it is. heading_scan: index through the circle and rest, one
     recording a rest (the paper's experiment). indexed: go through angles within each recording,
     resting at each. carousel: turn all the time."""
+    axis: str = "down"
+    """indexed, carousel: the body's axis about which the plate turns, forward, right or down; all
+    start from a level plate, at angle zero where the axis is horizontal."""
     step_deg: float = 5.0
     """heading_scan: angle between its headings."""
     angles_deg: tuple[float, ...] = (0.0, 180.0)
@@ -45,9 +50,16 @@ class ProtocolConfig:
         require_choice("kind", self.kind, KINDS)
         require_positive("slew_deg_per_s", self.slew_deg_per_s)
         require_positive("slew_deg_per_s2", self.slew_deg_per_s2)
+        require_choice("axis", self.axis, AXES)
+        fixed = self.axis != AXES[DOWN] and self.kind in ("static", "heading_scan")
+        about = f"must be down: kind={self.kind} stands still, or goes through headings"
+        require(not fixed, "axis", self.axis, about)
         step = self.step_deg
         require(0 < step <= 360, "step_deg", step, "must be above 0, up to 360")
         require(len(self.angles_deg) > 0, "angles_deg", self.angles_deg, "must name an angle")
+        level = self.axis == AXES[DOWN] or self.angles_deg[0] == 0 or self.kind != "indexed"
+        about = f"must begin with 0, at which the body is level, about axis={self.axis}"
+        require(level, "angles_deg", self.angles_deg, about)
         dwells = self.dwell_s if isinstance(self.dwell_s, tuple) else (self.dwell_s,)
         good = isinstance(self.dwell_s, tuple) <= (len(dwells) == len(self.angles_deg))
         require(good, "dwell_s", self.dwell_s, f"must be one figure, or {len(self.angles_deg)}")

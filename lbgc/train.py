@@ -25,6 +25,7 @@ from lbgc.errors import (
     require_not_negative,
     require_positive,
 )
+from lbgc.frames import AXES, DOWN
 from lbgc.learning import board, demand, description
 from lbgc.learning.augment import AugmentConfig, check_field
 from lbgc.learning.batches import Drawn, Examples, Prepared, Sensed, Source, Stored
@@ -258,6 +259,9 @@ def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Label
         alike = (own.rate_hz, own.duration_s) == (first.rate_hz, first.duration_s)
         require(alike, "data", path, "differs from the first one in rate or duration")
     recordings = Labelled.joined(parts)
+    axis = recordings.windows.axis
+    about = f"has plates that turn about {AXES[axis]}: networks are trained on those about down"
+    require(axis == DOWN, "data", config.data, about)
     require(
         bool(heading_exists(recordings.windows.latitude).all()),
         "data",

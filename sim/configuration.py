@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field
 from lbgc.data.configuration import DatasetConfig
 from lbgc.data.record import whole_multiple
 from lbgc.errors import require, require_positive
+from lbgc.frames import AXES, DOWN
 
 from .cluster import ClusterConfig
 from .poses import Bench
@@ -36,11 +37,15 @@ class GenerateConfig(DatasetConfig):
     @property
     def bench(self) -> Bench:
         """The scene with the rate and the number of samples of a recording."""
-        return Bench(self.scene, self.rate_hz, self.samples)
+        axis = AXES.index(self.protocol.axis)
+        return Bench(self.scene, self.rate_hz, self.samples, axis)
 
     def content(self) -> dict:
         """The part of the configuration on which the dataset's content depends: all but its path
-        and the workers."""
+        and the workers. A plate about down is not said, so that datasets from before the plate's
+        axis was a choice are what they were."""
         content = asdict(self)
         del content["out"], content["cluster"]
+        if self.protocol.axis == AXES[DOWN]:
+            del content["protocol"]["axis"]
         return content

@@ -33,7 +33,6 @@ from .configuration import GenerateConfig
 from .physics import check_servo
 from .picture import try_picture
 from .recordings import Sensor, batches
-from .turntable import SceneConfig
 
 
 def main(config: GenerateConfig) -> Path | str:
@@ -41,7 +40,7 @@ def main(config: GenerateConfig) -> Path | str:
     sensor = Sensor.of(config)
     latitude = float(np.deg2rad(config.latitude))
     planned = plan(config.protocol, 0, config.duration_s)
-    check_servo(config.scene, planned)
+    check_servo(config.scene, planned, config.bench.axis)
     if config.output == "means":
         fastest = EARTH_RATE + max((move.rate for move in planned.moves), default=0.0)
         gravity = normal_gravity(latitude, config.height_m)
@@ -60,19 +59,23 @@ def main(config: GenerateConfig) -> Path | str:
         _generate(config, place, layout)
     if place.local is None:
         return str(place)
-    _draw_beside(place, config.scene)
+    _draw_beside(place, config)
     if config.out is None:
         mark_latest(place.local.parent)
     return place.local
 
 
-def _draw_beside(place: Place, scene: SceneConfig) -> None:
+def _draw_beside(place: Place, config: GenerateConfig) -> None:
     """Put the scene's picture beside a local dataset, unless a whole one is there."""
     beside = picture.beside(place)
     if beside is None:
         return
     remove_temporary(beside.parent)
-    why_not = None if picture.read(beside) is not None else try_picture(beside, scene)
+    why_not = (
+        None
+        if picture.read(beside) is not None
+        else try_picture(beside, config.scene, config.protocol.axis)
+    )
     if why_not is not None:
         print(f"no picture of the scene: {why_not}", file=sys.stderr)
 

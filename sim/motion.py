@@ -17,7 +17,15 @@ from itertools import groupby, islice
 import numpy as np
 
 from lbgc.earth import earth_rate_ned, normal_gravity
-from lbgc.frames import euler_to_matrix, matrix_to_euler, rotation_matrix, rotation_z, wrap
+from lbgc.frames import (
+    DOWN,
+    euler_to_matrix,
+    matrix_to_euler,
+    rotation,
+    rotation_matrix,
+    rotation_z,
+    wrap,
+)
 from lbgc.protocol import REST, SETTLE, SLEW, Plan
 from lbgc.sensor import streams
 from lbgc.sensor.errors import Triple
@@ -99,7 +107,8 @@ class Truth:
     """(n,), int8, see lbgc.protocol.STAGES: a block with any slew slews, else settles"""
     attitude: np.ndarray
     """(n, 3) or (1, 3), rad, true at the samples' ends, mean over the block: roll, pitch, and the
-    heading less `heading` and the plate's true angle: how far the base and the axis turned it"""
+    heading less `heading` and the plate's true angle: how far the base and the axis turned it.
+    About a level axis they are those of the body turned back by the plate's angle"""
     heading: np.ndarray
     """(), rad, at the recording's start"""
     heading_control: np.ndarray
@@ -345,8 +354,10 @@ def _rigid_attitude(executed: Executed, lean: tuple[float, float], block: int) -
 def _attitude(ends: np.ndarray, start: np.ndarray, executed: Executed, block: int) -> np.ndarray:
     """See Truth. ends : (n, 3, 3) or (1, 3, 3), start : (3, 3), in A: an azimuth adds to both
     headings alike."""
+    turned = executed.turned if executed.moves else np.zeros(1)
+    if executed.bench.axis != DOWN:
+        ends, turned = ends @ rotation(-turned, executed.bench.axis), np.zeros(1)
     roll, pitch, yaw = matrix_to_euler(ends)
-    turned = executed.turned if executed.moves else 0.0
     off = wrap(yaw - matrix_to_euler(start)[2] - turned)
     found = np.stack([roll, pitch, off], axis=-1)
     return found if len(found) == 1 else found.reshape(-1, block, 3).mean(axis=1)

@@ -20,7 +20,7 @@ from lbgc.protocol import REST, SETTLE, SLEW, Move, Plan
 from .kinematics import joined
 from .poses import Bench, Executed, Poses, Stretch, lean_of_axis
 from .sway import JOINTS, SwayConfig
-from .turntable import SceneConfig, load, plate_inertia
+from .turntable import SceneConfig, load, out_of_balance, plate_inertia
 
 SETTLED_RATE = 1e-13
 """Rate below which a plate is taken to be exactly at rest, rad/s. Earth's rate is 7e-5."""
@@ -44,7 +44,7 @@ def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
     Raises InputError where the servo has too little torque for the plan, or the plate does not come
     to rest.
     """
-    check_servo(bench.scene, plan)
+    check_servo(bench.scene, plan, bench.axis)
     settling = 0.0
     if plan.before:
         move = Move(0.0, plan.before, plan.rate, plan.acceleration)
@@ -64,7 +64,7 @@ def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
         stands = float(stretches[-1].poses.angle[-1])
     if at < bench.samples:
         stretches.append(_rest(bench, gravity, stands, at, bench.samples - at))
-    control = _sensed(bench.scene, gravity, plan.start)[1]
+    control = _sensed(bench.scene, gravity, plan.start, bench.axis)[1]
     return Executed(bench, tuple(stretches), control, settling)
 
 
@@ -75,27 +75,29 @@ def execute_resting(bench: Bench, gravity: float, plan: Plan) -> Executed:
 
 
 @lru_cache(maxsize=4096)
-def _sensed(scene: SceneConfig, gravity: float, angle: float) -> tuple[Poses, np.ndarray]:
+def _sensed(
+    scene: SceneConfig, gravity: float, angle: float, axis: int
+) -> tuple[Poses, np.ndarray]:
     """The test module's pose and the control module's attitude with the plate at rest at this
-    angle, rad."""
-    model = load(scene, gravity)
+    angle, rad, about this axis."""
+    model = load(scene, gravity, axis)
     data = mujoco.MjData(model)
     data.joint("azimuth").qpos[0] = angle
     mujoco.mj_forward(model, data)
     sensors = np.asarray(data.sensordata)
-    return _poses(model, sensors[None]), _control(scene, model, sensors)
+    return _poses(model, sensors[None]), _control(scene, model, sensors, axis)
 
 
 def _rest(bench: Bench, gravity: float, angle: float, first: int, samples: int) -> Stretch:
     """A stretch of samples in which the plate is at rest at this angle, rad."""
-    poses, _ = _sensed(bench.scene, gravity, angle)
+    poses, _ = _sensed(bench.scene, gravity, angle, bench.axis)
     return Stretch(first, samples, poses, np.broadcast_to(np.int8(REST), samples))
 
 
 def _drive(bench: Bench, gravity: float, plan: Plan, stands: float, first: int) -> Stretch:
     """The stretch that begins at sample `first`, with the plate at rest at the angle `stands`, rad,
     and lasts until the plate is at rest again and nothing is commanded, or the recording ends."""
-    model = load(bench.scene, gravity)
+    model = load(bench.scene, gravity, bench.axis)
     state, pool = _state(model, stands), data_for(model, 1)
     chunk = max(1, round(_CHUNK_S * bench.rate_hz))
     parts, stages, at, settled = [], [], first, False
@@ -150,18 +152,19 @@ def _settling(scene: SceneConfig, gravity: float, move: Move) -> float:
     return _drive(bench, gravity, slew, 0.0, 0).samples / rate
 
 
-def check_servo(scene: SceneConfig, plan: Plan) -> None:
+def check_servo(scene: SceneConfig, plan: Plan, axis: int) -> None:
     """Raise InputError where a slew needs more torque than the servo has. It needs the inertia
-    times the acceleration, and the torque of the bearing at the highest rate."""
+    times the acceleration, the torque of the bearing at the highest rate, and about a level axis
+    that of gravity on what is out of balance."""
     moves = plan.moves
     if plan.before:
         moves = (*moves, Move(0.0, plan.before, plan.rate, plan.acceleration))
-    inertia = _inertia(scene)
+    inertia, held = _load(scene, axis)
     for move in moves:
-        drag = scene.bearing_friction_nm + scene.bearing_damping_nm_s_per_rad * move.rate
+        drag = held + scene.bearing_friction_nm + scene.bearing_damping_nm_s_per_rad * move.rate
         needed, torque = inertia * move.acceleration + drag, scene.servo_torque_nm
         if needed > torque:
-            could = "the bearing alone takes more at that rate: slew slower"
+            could = "the load alone takes more at that rate: slew slower"
             if drag < torque:
                 could = f"it can do {np.rad2deg((torque - drag) / inertia):.3g} deg/s2 at that rate"
             raise InputError(
@@ -174,9 +177,11 @@ def check_servo(scene: SceneConfig, plan: Plan) -> None:
 
 
 @lru_cache(maxsize=8)
-def _inertia(scene: SceneConfig) -> float:
-    """The plate's moment of inertia on a rigid base, kg m^2."""
-    return plate_inertia(load(replace(scene, sway=SwayConfig()), 9.8))
+def _load(scene: SceneConfig, axis: int) -> tuple[float, float]:
+    """The plate's moment of inertia on a rigid base, kg m^2, and the largest torque of gravity on
+    it, N m."""
+    model = load(replace(scene, sway=SwayConfig()), 9.8, axis)
+    return plate_inertia(model), out_of_balance(model)
 
 
 def execute_swaying(
@@ -194,7 +199,7 @@ def execute_swaying(
     forward-right-down; forces : (steps, 6) each, N and N m, on the joints of `sim.sway.JOINTS`,
     from `lead_steps` before the recording to two steps after it.
     """
-    model = load(bench.scene, gravity)
+    model = load(bench.scene, gravity, bench.axis)
     pool = data_for(model, min(threads, len(plans)))
     models = [_with_level(model, level) for level in levels]
     lead, total = lead_steps(bench), len(forces[0])
@@ -215,7 +220,8 @@ def execute_swaying(
         for own, sensed in zip(parts, sensors, strict=True):
             own.append(_poses(model, sensed[max(lead - 1 - begin, 0) :]))
         if begin <= lead < begin + count:
-            controls = [_control(bench.scene, model, sensed[lead - begin]) for sensed in sensors]
+            at_start = [sensed[lead - begin] for sensed in sensors]
+            controls = [_control(bench.scene, model, own, bench.axis) for own in at_start]
     return [
         Executed(bench, (Stretch(0, bench.samples, joined(own), rest.stage),), at, rest.settling_s)
         for own, rest, at in zip(parts, still, controls, strict=True)
@@ -293,13 +299,15 @@ def _full_state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return state
 
 
-def _control(scene: SceneConfig, model: mujoco.MjModel, sensors: np.ndarray) -> np.ndarray:
+def _control(
+    scene: SceneConfig, model: mujoco.MjModel, sensors: np.ndarray, axis: int
+) -> np.ndarray:
     """The control module's attitude, (3, 3), from the sensors of one instant."""
     start = int(model.sensor("control_attitude").adr[0])
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, sensors[start : start + 4])
     angle = sensors[int(model.sensor("encoder").adr[0])]
-    lean = lean_of_axis(scene, np.array([angle]))[0]
+    lean = lean_of_axis(scene, np.array([angle]), axis)[0]
     return lean @ NED_FROM_NWU @ matrix.reshape(3, 3)
 
 

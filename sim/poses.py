@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lbgc.frames import NED_FROM_NWU, rotation_matrix
+from lbgc.frames import DOWN, NED_FROM_NWU, across, rotation_matrix
 from lbgc.units import factor
 
 from . import kinematics
@@ -29,6 +29,8 @@ class Bench:
     """Samples a second"""
     samples: int
     """Samples in a recording"""
+    axis: int = DOWN
+    """The test module's axis about which the plate turns"""
 
     @property
     def step(self) -> float:
@@ -103,7 +105,7 @@ class Executed:
         place = poses.place @ NED_FROM_NWU
         scene = self.bench.scene
         if scene.axis_tilt_deg or scene.axis_wobble_arcsec:
-            lean = lean_of_axis(scene, poses.angle)
+            lean = lean_of_axis(scene, poses.angle, self.bench.axis)
             attitude, place = lean @ attitude, np.einsum("mij,mj->mi", lean, place)
         return attitude, place
 
@@ -209,13 +211,14 @@ class Executed:
         return np.concatenate([s.stage for s in self.stretches])
 
 
-def lean_of_axis(scene: SceneConfig, angle: np.ndarray) -> np.ndarray:
+def lean_of_axis(scene: SceneConfig, angle: np.ndarray, axis: int) -> np.ndarray:
     """The rotation by which the hinge axis leans at the plate's angles (m,), rad: (m, 3, 3).
 
-    It is a constant tilt about the forward axis, and a cone that the axis goes round twice a turn.
+    It is a constant tilt about the first axis across (forward, where it is down), and a cone that
+    the axis goes round twice a turn.
     """
     wobble = scene.axis_wobble_arcsec * factor("axis_wobble_arcsec")
-    around = [np.cos(2 * angle), np.sin(2 * angle), np.zeros_like(angle)]
-    vector = wobble * np.stack(around, axis=-1)
-    vector[:, 0] += np.deg2rad(scene.axis_tilt_deg)
+    vector, (i, j) = np.zeros((len(angle), 3)), across(axis)
+    vector[:, i], vector[:, j] = wobble * np.cos(2 * angle), wobble * np.sin(2 * angle)
+    vector[:, i] += np.deg2rad(scene.axis_tilt_deg)
     return rotation_matrix(vector)

@@ -16,6 +16,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from lbgc.errors import InputError, require
+from lbgc.frames import AXES
 from lbgc.outputs import write_atomically
 from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.sensor.streams import Purpose, recording
@@ -67,6 +68,12 @@ class ViewConfig:
         plan(self.protocol, 0, self.duration_s)
 
     @property
+    def bench(self) -> Bench:
+        """The scene, and a film's samples."""
+        axis = AXES.index(self.protocol.axis)
+        return Bench(self.scene, _RATE_HZ, round(self.duration_s * _RATE_HZ), axis)
+
+    @property
     def plan(self) -> Plan:
         """The plan of the protocol's first recording."""
         return plan(self.protocol, 0, self.duration_s)
@@ -97,7 +104,7 @@ def _film(config: ViewConfig, out: io.BytesIO) -> None:
 
     from lbgc.report.figures import strips
 
-    bench = Bench(config.scene, _RATE_HZ, round(config.duration_s * _RATE_HZ))
+    bench = config.bench
     drawn = motion.draw(
         config.scene, 0.0, lambda: recording(1, 0, Purpose.MOTION), config.duration_s
     )
@@ -140,7 +147,7 @@ def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> It
     """
     if opengl.lacking is not None:
         raise _cannot(opengl.lacking)
-    model = copy.copy(load(config.scene, 9.8))
+    model = copy.copy(load(config.scene, 9.8, config.bench.axis))
     if quick:
         model.vis.quality.shadowsize, model.vis.quality.offsamples = 2048, 2
     data = mujoco.MjData(model)
@@ -177,10 +184,9 @@ def look_round(config: ViewConfig) -> None:
         )
     import mujoco.viewer
 
-    model = load(config.scene, 9.8)
+    model = load(config.scene, 9.8, config.bench.axis)
     data = mujoco.MjData(model)
-    bench = Bench(config.scene, _RATE_HZ, round(config.duration_s * _RATE_HZ))
-    executed = execute(bench, 9.8, config.plan)
+    executed = execute(config.bench, 9.8, config.plan)
     with mujoco.viewer.launch_passive(
         model, data, show_left_ui=False, show_right_ui=False
     ) as window:

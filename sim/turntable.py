@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from lbgc.errors import require, require_not_negative, require_positive
+from lbgc.frames import DOWN
 
 from . import opengl
 from .disturbance import FloorConfig
@@ -48,7 +49,8 @@ class SceneConfig:
     level_error_deg: float = 0.0
     """1 sigma of the base's levelling error in roll and in pitch, drawn anew for each recording."""
     axis_tilt_deg: float = 0.0
-    """Tilt of the hinge axis relative to the base's vertical, to the right."""
+    """Tilt of the hinge axis relative to the base's vertical, to the right; of a level hinge, about
+    the next axis of forward, right, down."""
     axis_wobble_arcsec: float = 0.0
     """Half angle of a cone that the hinge axis goes round twice in a turn of the plate."""
     encoder_lsb_arcsec: float | None = None
@@ -90,9 +92,14 @@ class SceneConfig:
             require(abs(angle) <= 45, name, angle, "must be from -45 to 45")
 
 
+_HINGE = ([-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0])
+"""The axes of the test module, which looks south at plate angle zero, in North-West-Up."""
+
+
 @lru_cache(maxsize=8)
-def load(config: SceneConfig, gravity: float) -> mujoco.MjModel:
-    """The compiled MuJoCo model of a bench. gravity : m/s^2, down."""
+def load(config: SceneConfig, gravity: float, axis: int = DOWN) -> mujoco.MjModel:
+    """The compiled MuJoCo model of a bench. gravity : m/s^2, down; axis : of the test module, about
+    which the plate turns."""
     spec = mujoco.MjSpec.from_file(str(XML))
     spec.option.timestep = 1.0 / config.physics_hz
     spec.option.gravity = [0.0, 0.0, -gravity]
@@ -100,6 +107,9 @@ def load(config: SceneConfig, gravity: float) -> mujoco.MjModel:
         for part in (spec.geom(module), spec.site(module)):
             part.pos[0] = side * config.arm_m
     joint = spec.joint("azimuth")
+    joint.axis = _HINGE[axis]
+    if axis != DOWN:
+        _on_trunnions(spec, axis)
     joint.damping[0] = config.bearing_damping_nm_s_per_rad
     joint.actfrclimited = True
     joint.actfrcrange = [-config.servo_torque_nm, config.servo_torque_nm]
@@ -116,6 +126,21 @@ def load(config: SceneConfig, gravity: float) -> mujoco.MjModel:
         spec.delete(spec.actuator(name))
         spec.delete(spec.joint(name))
     return spec.compile()
+
+
+def _on_trunnions(spec: mujoco.MjSpec, axis: int) -> None:
+    """Hang the plate between two posts, high enough to turn over."""
+    spec.delete(spec.geom("post"))
+    plate, base, along = spec.body("plate"), spec.body("base"), np.array(_HINGE[axis])
+    height, reach = 0.45, 0.38  # of the hinge above the floor, and from the plate's middle, m
+    plate.pos = [0.0, 0.0, height]
+    for side in (-reach, reach):
+        at = [*(side * along[:2]), height / 2]
+        base.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=at, size=[0.025, 0.025, height / 2],
+                      material="steel")  # fmt: skip
+    ends = [*(-reach * along), *(reach * along)]
+    plate.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=[0.01, 0.0, 0.0], mass=0.0,
+                   material="steel")  # fmt: skip
 
 
 def _with_friction(spec: mujoco.MjSpec, torque: float, viscosity: float) -> None:
@@ -139,6 +164,17 @@ def plate_inertia(model: mujoco.MjModel) -> float:
     """The plate's moment of inertia about the hinge, kg m^2, modules included."""
     dof = int(model.joint("azimuth").dofadr[0])
     return float(_mass_matrix(model)[dof, dof])
+
+
+def out_of_balance(model: mujoco.MjModel) -> float:
+    """The largest torque of gravity about the hinge, N m: none about down, and that of the modules
+    on their side of the plate about a level axis."""
+    data, torques = mujoco.MjData(model), []
+    for angle in (0.0, np.pi / 2):
+        data.joint("azimuth").qpos[0] = angle
+        mujoco.mj_forward(model, data)
+        torques.append(float(data.qfrc_bias[int(model.joint("azimuth").dofadr[0])]))
+    return math.hypot(*torques)
 
 
 def _mass_matrix(model: mujoco.MjModel) -> np.ndarray:

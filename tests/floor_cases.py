@@ -1,4 +1,4 @@
-"""Sixteen situations in which no estimator may have less loss than the floor: what draws their
+"""Twenty situations in which no estimator may have less loss than the floor: what draws their
 recordings, and what scores every estimator on them. A test runs few recordings of each, a study
 many. Nothing here uses the floor's own covariance: each recording draws its own unit, session, run
 and direction of lean, by the sensor's own face that draws."""
@@ -16,7 +16,7 @@ from lbgc.errors import InputError
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimate, Estimator
 from lbgc.estimators.floor import floor
-from lbgc.frames import euler_to_matrix, wrap
+from lbgc.frames import AXES, across, euler_to_matrix, rotation, wrap
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor.errors import Surroundings
 from lbgc.sensor.imu import ImuModel, Triad
@@ -47,8 +47,8 @@ class Case:
         return replace(imu, gyro=replace(imu.gyro, **none), accel=replace(imu.accel, **none))
 
 
-def _indexed(name: str, *angles_deg: float) -> ProtocolConfig:
-    return ProtocolConfig(name, "indexed", angles_deg=angles_deg)
+def _indexed(name: str, *angles_deg: float, axis: str = "down") -> ProtocolConfig:
+    return ProtocolConfig(name, "indexed", angles_deg=angles_deg, axis=axis)
 
 
 STATIC = ProtocolConfig("static", "static")
@@ -56,6 +56,10 @@ CAROUSEL = ProtocolConfig("carousel", "carousel")
 TWO = _indexed("two_position", 0.0, 180.0)
 FOUR = _indexed("four_position", 0.0, 90.0, 180.0, 270.0)
 EIGHT = _indexed("eight_position", *range(0, 360, 45))
+OVER = _indexed("over_right", 0.0, 180.0, axis="right")
+ROLL = _indexed("over_forward", 0.0, 180.0, axis="forward")
+FOUR_ROLL = _indexed("four_over_forward", 0.0, 90.0, 180.0, 270.0, axis="forward")
+WHEEL = ProtocolConfig("wheel", "carousel", axis="right")
 WARM = ("imu.temperature.rise_k=15", "imu.temperature.time_s=300",
         "imu.gyro.bias_per_k_deg_per_h_per_k=2")  # fmt: skip
 
@@ -74,6 +78,10 @@ def cases() -> dict[str, Case]:
         *(Case(f"sdc500_static_{t}s", "sdc500", STATIC, t, h)
           for t, h in ((10, 0.1), (60, 0.5), (240, 1.0))),
         Case("sdc500_two_position_warming_up", "sdc500", TWO, 240.0, overrides=WARM),
+        Case("sdc500_over_right_5deg", "sdc500", OVER, 240.0, lean_deg=5),
+        Case("mti630_over_forward", "mti630", ROLL, 240.0),
+        Case("sdc500_four_over_forward", "sdc500", FOUR_ROLL, 240.0, lean_deg=1),
+        Case("stim300_wheel_about_right", "stim300", WHEEL, 240.0),
     ]  # fmt: skip
     return {case.name: case for case in every}
 
@@ -92,13 +100,14 @@ def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Labelled:
     psi, toward = rng.uniform(-np.pi, np.pi, (2, count))
     lean = np.deg2rad(case.lean_deg)
     base = euler_to_matrix(lean * np.cos(toward), lean * np.sin(toward), psi)
-    plate = mean(euler_to_matrix(0.0, 0.0, angle))
+    axis = AXES.index(case.protocol.axis)
+    plate, (i, j) = mean(rotation(angle, axis)), across(axis)
     c_nb = np.einsum("wij,njk->wnik", base, plate)
     omega = np.einsum("wnij,i->wjn", c_nb, earth_rate_ned(LATITUDE))
-    omega[:, 2] += mean(rate)
+    omega[:, axis] += mean(rate)
     force = np.einsum("wnij,i->wjn", c_nb, [0.0, 0.0, -normal_gravity(LATITUDE)])
-    force[:, 0] -= ARM_M * mean(rate**2)
-    force[:, 1] += ARM_M * mean(change)
+    force[:, i] -= ARM_M * mean(rate**2)
+    force[:, j] += ARM_M * mean(change)
     field = np.einsum("wnij,i->wjn", c_nb, imu.field_ned)
     felt = replace(imu.warming, force=force, field=field)
     late = 0.5 * imu.dt * mean(rate)  # an encoder is read at a sample's end
@@ -109,6 +118,7 @@ def draw(case: Case, imu: ImuModel, count: int, seed: int) -> Labelled:
         rate_hz=1 / h,
         latitude=np.full(count, LATITUDE),
         start_s=np.zeros(count),
+        axis=axis,
     )
     return Labelled(windows=windows, heading=psi, heading_reference=psi)
 

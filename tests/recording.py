@@ -28,6 +28,7 @@ from lbgc.data.store import Dataset
 from lbgc.data.windows import Windows, cut, joined
 from lbgc.errors import InputError
 from lbgc.evaluate import KNOWN
+from lbgc.frames import DOWN
 from lbgc.learning import pretrained
 from lbgc.learning.description import DESCRIPTION
 from sim.generate import GenerateConfig
@@ -131,7 +132,8 @@ def stored(name: str) -> Windows:
     """A situation's windows as they were recorded."""
     with np.load(WINDOWS) as file:
         arrays = {k.partition("/")[2]: file[k] for k in file.files if k.startswith(f"{name}/")}
-    return Windows(**arrays | {"rate_hz": float(arrays["rate_hz"])})
+    axis = int(arrays.get("axis", DOWN))
+    return Windows(**arrays | {"rate_hz": float(arrays["rate_hz"]), "axis": axis})
 
 
 def answers(name: str) -> dict[str, dict[str, list[float | None]] | str]:

@@ -48,7 +48,7 @@ MAY_IMPORT = {
     },
     "lbgc.machine": {"lbgc.errors", "lbgc.units"},
     "lbgc.fault": {"lbgc", "lbgc.outputs"},
-    "lbgc.protocol": {"lbgc.errors"},
+    "lbgc.protocol": {"lbgc.errors", "lbgc.frames"},
     "lbgc.sensor": BASE,
     "lbgc.data": BASE | {"lbgc.sensor"},
     "lbgc.estimators": BASE | {"lbgc.sensor", "lbgc.data"},

@@ -69,8 +69,8 @@ def written(rng):
         part: [resting_axis.fitted(values[None, :, i], 0.01, (1.0, 3600.0)) for i in range(3)]
         for part, values in (("gyro", gyro), ("accel", accel))
     }
-    sizes = bias_sizes(static, fits)
-    return yaml.safe_load(sensor_yaml("mine", static, fits, None, sizes))
+    sizes = bias_sizes([static], fits)
+    return yaml.safe_load(sensor_yaml("mine", [static], fits, None, sizes))
 
 
 def test_a_log_states_its_biases_as_assumed_and_its_counts(rng, cli, tmp_path):

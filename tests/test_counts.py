@@ -100,7 +100,7 @@ def test_carried_counts_that_noise_does_not_shake_tell_no_noise(rng):
     assert any("beat with the mean rate" in said for said in remarks(fit, 0))
     still = np.zeros((1, 100, 3))
     static = Static("log", still, still, DT, 0.5, None, None)
-    imu = yaml.safe_load(sensor_yaml("mine", static, dict.fromkeys(PARTS, [fit] * 3)))
+    imu = yaml.safe_load(sensor_yaml("mine", [static], dict.fromkeys(PARTS, [fit] * 3)))
     size = np.rad2deg(LSB * DT / np.sqrt(12)) * 3600
     assert imu["gyro"]["quantisation_arcsec"] == pytest.approx([size] * 3, rel=1e-5)
     assert "rate_lsb_deg_per_s" not in imu["gyro"]  # its rounding is the quantisation

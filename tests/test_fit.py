@@ -136,7 +136,7 @@ def test_several_lines_are_found_and_written_down(rng):
     static = Static("log", np.zeros((1, 100, 3)), np.zeros((1, 100, 3)), 0.01, 0.5, None, None)
     three = {part: [fit, plain, plain] for part in ("gyro", "accel")}
     assert fitted.report(static, three).count("narrow-band line") == 4
-    text = sensor_yaml("mine", static, three)
+    text = sensor_yaml("mine", [static], three)
     imu = build(ImuConfig, yaml.safe_load(text))
     for triad in (imu.gyro.triad(), imu.accel.triad()):
         lines = [t for t in triad.terms[0] if isinstance(t, Line)]

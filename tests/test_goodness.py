@@ -135,7 +135,7 @@ def test_a_tone_is_told_from_a_narrow_line(rng):
     fine = rng.chisquare(1, len(k))
     fine[20_000] += 400.0
     fine[40_000:40_040] += rng.chisquare(1, 40) * 30
-    sifted = sift(fine, k, 60_000, 1 / RATE, 1)
+    sifted = sift(fine, int(k[0]), 60_000, 1 / RATE, 1)
     assert [round(t.f * 1200) for t in sifted.tones] == [20_257]
     assert len(sifted.narrow)
     assert np.all(np.abs(sifted.narrow - 40_277) < 30)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from test_clock import arw, noted, one
 
-from lbgc.data.readers.held import Holds, holds, taken
-from lbgc.data.readers.repeats import sampled
+from lbgc.data.readers import held, repeats
+from lbgc.data.readers.held import Holds, taken
 from lbgc.errors import InputError
 
 N = 20_000
@@ -14,6 +14,15 @@ N = 20_000
 
 def noise(seed: int, n: int = N) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal((n, 6))
+
+
+def holds(rows: np.ndarray) -> Holds:
+    return held.holds(rows[:, :3], rows[:, 3:])
+
+
+def sampled(name: str, rows: np.ndarray, rate_hz: float, how: str):
+    gyro, accel, rate, notes = repeats.sampled(name, rows[:, :3], rows[:, 3:], rate_hz, how)
+    return np.hstack([gyro, accel]), rate, notes
 
 
 def counted(values: np.ndarray, lsb: float) -> np.ndarray:
@@ -113,9 +122,9 @@ def test_sensors_of_two_rates_of_their_own_are_not_dropped():
     rows, k = noise(6), np.arange(N)
     rows[:, :3] = rows[np.floor(k * 0.37).astype(int), :3]
     rows[:, 3:] = rows[np.floor(k * 0.61).astype(int), 3:]
-    for repeats in ("auto", "drop"):
+    for how in ("auto", "drop"):
         with pytest.raises(InputError, match="rates of their own"):
-            sampled("x", rows, 100.0, repeats)
+            sampled("x", rows, 100.0, how)
 
 
 def _sway(k: np.ndarray) -> np.ndarray:
@@ -144,7 +153,7 @@ def test_coarse_counts_are_no_holds(kind, lsb):
 
 
 def test_constant_columns_are_no_holds():
-    assert holds(np.ones((250, 6))) == Holds((1,) * 6, 0.0, 0.0, 1.0)
+    assert holds(np.ones((250, 6))) == Holds((1,) * 6, {"gyros": 0.0, "accelerometers": 0.0}, 1.0)
 
 
 def test_rows_that_stand_there_twice_with_their_stamps_are_left_out(tmp_path):

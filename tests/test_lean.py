@@ -31,8 +31,8 @@ def only(windows: Windows, samples: int) -> Windows:
     return replace(windows, **cut)
 
 
-def test_there_are_sixteen_cases():
-    assert len(CASES) == 16
+def test_there_are_twenty_cases():
+    assert len(CASES) == 20
 
 
 @pytest.mark.parametrize("name", CASES)

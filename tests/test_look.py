@@ -15,7 +15,7 @@ from lbgc.data.logconfig import LogConfig
 from lbgc.data.logs import read
 from lbgc.data.looking import columns, stretch
 from lbgc.data.looking.doctor import looked
-from lbgc.data.readers.sheets import sheet
+from lbgc.data.readers.texts import sheet
 from lbgc.look import Said, as_override
 from lbgc.report import look_text
 

@@ -250,7 +250,7 @@ def test_a_servo_has_its_torque_and_no_more():
     with pytest.raises(InputError, match=r"slew_deg_per_s2 = .* deg/s2: needs 6.03 N m, and the "):
         execute(Bench(SCENE, RATE_HZ, 12_000), 9.8, plan(asked, 0, 20.0))
     stiff = replace(SCENE, servo_torque_nm=1.0, bearing_friction_nm=1.5)
-    with pytest.raises(InputError, match="the bearing alone takes more"):
+    with pytest.raises(InputError, match="the load alone takes more"):
         execute(Bench(stiff, RATE_HZ, 12_000), 9.8, plan(ProtocolConfig(kind="indexed"), 0, 20.0))
 
 

@@ -172,7 +172,7 @@ def test_a_fitted_sensors_file_says_nothing_else(monkeypatch):
     monkeypatch.setattr("lbgc.report.fitted_yaml._yaml_of_lines", lambda *_: [])
     monkeypatch.setattr("lbgc.report.fitted_yaml.beside", lambda *_: _Beside())
     for name in ("mine", "null", "true", "on", "Größe"):
-        text = sensor_yaml(name, static, {"gyro": [_Fit()] * 3, "accel": [_Fit()] * 3})
+        text = sensor_yaml(name, [static], {"gyro": [_Fit()] * 3, "accel": [_Fit()] * 3})
         said = yaml.safe_load(text)
         assert said["name"] == name
         assert set(said) == {"name", "gyro", "accel"}

@@ -1,6 +1,8 @@
 """Logs of a plate that turns: read as the recording they are, or refused with the reason."""
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,11 +17,11 @@ from lbgc.errors import InputError, build
 from lbgc.estimators import CLASSICAL
 from lbgc.estimators.estimate import Estimate
 from lbgc.estimators.floor import floor
-from lbgc.frames import euler_to_matrix, rotation_z, wrap
+from lbgc.frames import AXES, DOWN, euler_to_matrix, rotation, rotation_z, wrap
 from lbgc.learning import pretrained
 from lbgc.learning.trained import Setting
 from lbgc.protocol import REST, Move, ProtocolConfig
-from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.datasheet import GyroConfig, ImuConfig
 from lbgc.units import DEG, HOUR
 
 RATE, LATITUDE, HEADING = 20.0, 48.1, 70.0
@@ -42,10 +44,11 @@ def config(path, **changes) -> LogConfig:
     return LogConfig(**(values | changes))
 
 
-def bench(angles_deg, rest_s=30.0, bias_deg_per_h=(0.5, -0.3, 0.2), lean_deg=(0.0, 0.0), seed=1):
-    """A plate that rests at these angles, 30 s each, slews at 30 deg/s, and noise of 0.02
-    deg/sqrt(h): rates in deg/s and forces, (n, 6), the plate's angle at the samples' ends, deg, and
-    the rests' first and last samples."""
+def bench(angles_deg, rest_s=30.0, bias_deg_per_h=(0.5, -0.3, 0.2), lean_deg=(0.0, 0.0), seed=1,
+          axis=DOWN):  # fmt: skip
+    """A plate that rests at these angles, 30 s each, slews at 30 deg/s about an axis, and noise of
+    0.02 deg/sqrt(h): rates in deg/s and forces, (n, 6), the plate's angle at the samples' ends,
+    deg, and the rests' first and last samples."""
     rng = np.random.default_rng(seed)
     fine, at, moves = 10, 0.0, []
     spans = []
@@ -61,9 +64,9 @@ def bench(angles_deg, rest_s=30.0, bias_deg_per_h=(0.5, -0.3, 0.2), lean_deg=(0.
     before = np.r_[angles_deg[0] * DEG, angle[:-1]]
     middle = (angle + before) / 2
     c_nb = rotation_z(HEADING * DEG) @ euler_to_matrix(*np.deg2rad(lean_deg), 0.0)
-    c_nb = c_nb @ rotation_z(middle)
+    c_nb = c_nb @ rotation(middle, axis)
     rate = earth_rate_ned(LATITUDE * DEG) @ c_nb
-    rate[:, 2] += (angle - before) * fine * RATE
+    rate[:, axis] += (angle - before) * fine * RATE
     force = np.array([0.0, 0.0, -normal_gravity(LATITUDE * DEG)]) @ c_nb
     rate, force = (v.reshape(n, fine, 3).mean(axis=1) for v in (rate, force))
     rate = rate / DEG + np.array(bias_deg_per_h) / HOUR
@@ -77,12 +80,12 @@ def one(log: LogConfig, imu=None) -> Record:
     return record
 
 
-@pytest.fixture(scope="module")
-def simulated(tmp_path_factory):
-    """A simulated two-position recording of the sensor that pretrained models are of: the record,
-    the sensor's configuration, and the samples that the plate does not rest in."""
+@pytest.fixture(scope="module", params=AXES[::-1])
+def any_axis(request, tmp_path_factory):
+    """A simulated two-position recording, about each axis, of the sensor that pretrained models are
+    of: the record, the sensor's configuration, and the samples that the plate does not rest in."""
     path = tmp_path_factory.mktemp("turned") / "two.zarr"
-    protocol = ProtocolConfig("two_position", "indexed")
+    protocol = ProtocolConfig("two_position", "indexed", axis=request.param)
     data = generate(path, recordings=1, rate_hz=100.0, duration_s=WINDOW_S, protocol=protocol)
     (record,) = data.records(np.arange(1))
     stage = data.load("stage", slice(0, 1))[0] if hasattr(data, "load") else None
@@ -94,10 +97,18 @@ def simulated(tmp_path_factory):
     return record, build(ImuConfig, data.configuration["imu"]), (int(moving[0]), settled)
 
 
-def estimators(sensor: ImuConfig):
-    """The estimators that answer two positions, and the pretrained model of them."""
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """The same about down."""
+    return any_axis.__wrapped__(SimpleNamespace(param=AXES[DOWN]), tmp_path_factory)
+
+
+def estimators(sensor: ImuConfig, axis: int = DOWN):
+    """The estimators that answer two positions, and the pretrained model of those about down."""
     names = ("two_position", "two_position_weighted", "gls", "ekf")
     every = {name: CLASSICAL[name] for name in names} | {"floor": floor}
+    if axis != DOWN:
+        return every
     for model in pretrained.every():
         if model.sensor == sensor and model.said["protocol"] == "two_position":
             every[model.name] = model.asked(Setting(sensor), False)
@@ -107,7 +118,7 @@ def estimators(sensor: ImuConfig):
 
 def assert_alike(records: list[Record], sensor: ImuConfig) -> None:
     model = sensor.model(100.0)
-    for name, estimate in estimators(sensor).items():
+    for name, estimate in estimators(sensor, records[0].axis).items():
         found = [estimate(cut(record, WINDOW_S), model).heading[0] for record in records]
         apart = np.abs(wrap(np.array(found[1:]) - found[0])) / DEG
         assert apart.max() < ONE_MICRODEGREE, name
@@ -117,9 +128,9 @@ def printed(record: Record) -> np.ndarray:
     return np.hstack([record.gyro / DEG, record.accel])
 
 
-def test_an_angle_column_or_a_list_of_positions_answers_as_the_dataset(tmp_path, simulated):
-    record, sensor, (moves, settled) = simulated
-    where = {"latitude": record.latitude / DEG}
+def test_an_angle_column_or_a_list_of_positions_answers_as_the_dataset(tmp_path, any_axis):
+    record, sensor, (moves, settled) = any_axis
+    where = {"latitude": record.latitude / DEG, "plate_axis": AXES[record.axis]}
     angle = record.plate_angle / DEG
     path = write(tmp_path / "log.csv", printed(record), [angle], ["plate_deg"], rate=100.0)
     column = one(config(path, plate_column="plate_deg", **where), sensor.model(100.0))
@@ -129,23 +140,23 @@ def test_an_angle_column_or_a_list_of_positions_answers_as_the_dataset(tmp_path,
     assert_alike([record, column, positions], sensor)
 
 
-def test_two_files_answer_as_the_dataset_without_its_slew(tmp_path, simulated):
+def test_two_files_answer_as_the_dataset_without_its_slew(tmp_path, any_axis):
     """To a millionth of a degree; with the slew's samples, which are in no file, it is a
-    thousandth."""
-    record, sensor, (moves, settled) = simulated
+    thousandth, or one of a sigma."""
+    record, sensor, (moves, settled) = any_axis
     values = printed(record)
     up = write(tmp_path / "up.csv", values[:moves], rate=100.0)
     down = write(tmp_path / "down.csv", values[settled:], rate=100.0)
     log = config([up, down], angles_deg=[0.0, 180.0], gap_s=(settled - moves) / 100,
-                 latitude=record.latitude / DEG)  # fmt: skip
+                 latitude=record.latitude / DEG, plate_axis=AXES[record.axis])  # fmt: skip
     files = one(log, sensor.model(100.0))
     assert len(files.gyro) == len(record.gyro)
     gyro, accel = record.gyro.copy(), record.accel.copy()
     gyro[moves:settled] = accel[moves:settled] = np.nan
     assert_alike([replace(record, gyro=gyro, accel=accel), files], sensor)
-    for name, estimate in estimators(sensor).items():
+    for name, estimate in estimators(sensor, record.axis).items():
         whole, own = (estimate(cut(r, WINDOW_S), sensor.model(100.0)) for r in (record, files))
-        assert abs(whole.heading[0] - own.heading[0]) < 0.005 * DEG, name
+        assert abs(whole.heading[0] - own.heading[0]) < 0.005 * max(DEG, own.sigma[0]), name
         assert own.sigma[0] == pytest.approx(whole.sigma[0], rel=0.01), name
 
 
@@ -463,12 +474,78 @@ def test_a_sensor_that_was_moved_between_positions_is_refused(tmp_path):
         one(config(paths, angles_deg=angles, gap_s=5.0))
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("stated", range(3))
+def test_an_axis_is_held_against_what_was_felt(tmp_path, axis, stated):
+    """By the slew where a log has it, by gravity in files of either position, and where that turns
+    alike by Earth's rate."""
+    values, angle, spans = bench([0.0, 180.0], axis=axis)
+    own = {"plate_axis": AXES[stated]}
+    column = config(write(tmp_path / "log.csv", values, [angle], ["p"]), plate_column="p", **own)
+    files = [write(tmp_path / f"{k}.csv", values[a:b]) for k, (a, b) in enumerate(spans)]
+    positions = [[a / RATE, b / RATE, d] for (a, b), d in zip(spans, (0, 180), strict=True)]
+    listed = config(column.path, positions=positions, **own)
+    apart = config(files, angles_deg=[0.0, 180.0], gap_s=5.0, **own)
+    if axis == stated:
+        assert [one(log).axis for log in (column, listed, apart)] == [axis] * 3
+        return
+    for log in (column, listed, apart):
+        with pytest.raises(InputError, match=f"log.plate_axis=.*{AXES[axis]}"):
+            one(log)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_four_positions_about_a_level_axis(tmp_path, axis):
+    """Angles of the wrong sign, unit or size are told by gravity; a bias is told beside."""
+    angles = [0.0, 90.0, 180.0, 270.0]
+    bias = (50.0, -30.0, 20.0)
+    values, _, spans = bench(angles, axis=axis, lean_deg=(1.0, -2.0), bias_deg_per_h=bias)
+    paths = [write(tmp_path / f"{k}.csv", values[a:b]) for k, (a, b) in enumerate(spans)]
+    own = {"gap_s": 5.0, "plate_axis": AXES[axis]}
+    record = one(config(paths, angles_deg=angles, **own))
+    i, j = sorted(set(range(3)) - {axis}, key=lambda k: (k - axis) % 3)
+    (told,) = (re.search(r"is (\S+), (\S+) deg/h \(1 sigma", n) for n in record.notes[-1:])
+    assert told is not None
+    np.testing.assert_allclose([float(own) for own in told.groups()], [bias[i], bias[j]], atol=1.2)
+    imu = ImuConfig("own", gyro=GyroConfig(arw_deg_per_sqrt_h=0.02, bias_run_deg_per_h=40.0))
+    windows = cut(record, record.duration_s)
+    found = CLASSICAL["cosine_fit"](windows, imu.model(RATE))
+    assert abs(wrap(found.heading[0] - HEADING * DEG)) < 4 * found.sigma[0]
+    for wrong, says in (
+        ([-a for a in angles], "the rates turn the other way"),
+        ([a * DEG for a in angles], "as if these angles were radians"),
+        ([0.0, 90.0, 180.0, 240.0], "the vertical turns"),
+        ([0.0, 90.0, 180.0, 262.0], "was moved between them"),
+    ):
+        with pytest.raises(InputError, match=says):
+            one(config(paths, angles_deg=wrong, **own))
+    with pytest.raises(InputError, match="in deg/s it would make sense"):
+        one(config(paths, angles_deg=angles, gyro_unit="rad/s", **own))
+
+
+def test_a_position_about_a_level_axis_that_is_no_half_turn_is_refused(tmp_path):
+    """By gravity, up to what accelerometers' biases may do, which is said."""
+    values, _, spans = bench([0.0, 172.0], axis=0)
+    paths = [write(tmp_path / f"{k}.csv", values[a:b]) for k, (a, b) in enumerate(spans)]
+    with pytest.raises(InputError, match="the vertical = 4: deg from the lean of one base"):
+        one(config(paths, angles_deg=[0.0, 180.0], plate_axis="forward"))
+    record = one(config(paths, angles_deg=[0.0, 174.0], plate_axis="forward"))
+    assert any("stays within 2 deg, the accelerometers' bias" in note for note in record.notes)
+
+
+def test_a_plate_turned_back_about_a_level_axis_is_refused(tmp_path):
+    values, angle, _ = bench([0.0, 90.0], axis=1)
+    path = write(tmp_path / "log.csv", values, [-angle], ["p"])
+    with pytest.raises(InputError, match=r"or the right axis points back; log.plate_scale=-1"):
+        one(config(path, plate_column="p", plate_axis="right"))
+
+
 def test_a_turn_about_another_axis_is_refused(tmp_path):
-    """Up and down: over a horizontal axis."""
+    """Up and down: over a horizontal axis, which is then asked for."""
     values, _, spans = bench([0.0, 360.0])
     up = write(tmp_path / "up.csv", values[slice(*spans[0])])
     down = write(tmp_path / "down.csv", values[slice(*spans[1])] * [1, -1, -1, 1, -1, -1])
-    with pytest.raises(InputError, match="about an axis that is not its down one"):
+    with pytest.raises(InputError, match=r"than its down one; log.plate_axis=forward or right"):
         one(config([up, down], angles_deg=[0.0, 180.0]))
 
 
@@ -569,6 +646,8 @@ def test_a_reference_s_sigma_is_part_of_the_errors():
         ({"gap_s": 5.0}, "several files"),
         ({"path": ["a", "b"], "angles_deg": [0.0, 90.0], "gap_s": 1e6}, "86400"),
         ({"heading_sigma_deg": -1.0}, "greater than zero"),
+        ({"plate_axis": "forward"}, "needs the plate's angles"),
+        ({"plate_axis": "up", "plate_column": "p"}, "forward"),
         ({"unit": "two\nlines"}, "name"),
         ({"plate_column": 0}, "counted from one"),
     ],

@@ -56,6 +56,7 @@ def _field(record: Record, imu: ImuModel) -> np.ndarray:
     its mean specific force tells. Raises InputError where the heading is not known."""
     if record.heading is None:
         raise InputError(f"{record.name}'s heading", "(unknown)", "", "it has no truth")
-    lean = level(turned(record.accel, record.plate_angle).mean(axis=0, keepdims=True))
+    angle, axis = record.plate_angle, record.axis
+    lean = level(turned(record.accel, angle, axis).mean(axis=0, keepdims=True))
     base = np.array(imu.field_ned) @ euler_to_matrix(*lean, record.heading)
-    return turned(np.repeat(base, len(record.gyro), axis=0), -record.plate_angle).T
+    return turned(np.repeat(base, len(record.gyro), axis=0), -angle, axis).T

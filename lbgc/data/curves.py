@@ -9,7 +9,8 @@ import scipy.stats
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.column_names import unit
 from lbgc.data.readers.raw import require_finite
-from lbgc.data.readers.sheets import Sheet, sheet, shown
+from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.data.readers.texts import sheet
 from lbgc.errors import InputError, reading, require, require_choice, require_positive
 from lbgc.sensor.fitting.allan_fit import AllanCurve
 from lbgc.units import FORCE_UNITS, RATE_UNITS, factor

@@ -1,14 +1,21 @@
 """The configuration of a log: where its file is, how that is laid out, its units and axes."""
 
-import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from lbgc.data.checks.findings import CHECKS
-from lbgc.data.readers.axes import is_right_handed, require_axes
+from lbgc.data.readers.axes import matrix_of, require_axes
 from lbgc.data.readers.clock import TIME_UNITS
+from lbgc.data.readers.said import (
+    require_column,
+    require_columns,
+    require_paths,
+    require_rows,
+    require_spans,
+    row_type,
+)
 from lbgc.errors import (
     require,
     require_choice,
@@ -16,6 +23,7 @@ from lbgc.errors import (
     require_not_negative,
     require_positive,
 )
+from lbgc.frames import AXES, DOWN
 from lbgc.units import ANGLE_UNITS, DEG, FORCE_UNITS, HOUR, RATE_UNITS, VELOCITY_UNITS
 
 GYRO_UNITS = RATE_UNITS | ANGLE_UNITS
@@ -30,8 +38,8 @@ _LONGEST_GAP_S = 86400.0
 """Time between two files of one recording, s, at most."""
 DEFAULT_GYRO, DEFAULT_ACCEL = ("w_x", "w_y", "w_z"), ("f_x", "f_y", "f_z")
 """Columns' names where the user gives none: those of the published layout."""
-_ROW_TYPES = ("f4", "f8", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)))
-_PASSED_OVER = re.compile(r"V[1-9]\d{0,4}")
+NONE = "none"
+"""The value of a key of columns with which none is read."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +65,34 @@ class LogConfig:
     or big-endian with > before; V8: eight bytes that are passed over."""
     skip_bytes: int = 0
     """Bytes before the first such row."""
-    gyro_columns: list[str] = field(default_factory=lambda: list(DEFAULT_GYRO))
-    """The file's gyro columns, x, y and z. Where it has none of the default ones, names such as gx
-    (deg/s), gyro_x or angular_velocity.x are found."""
-    accel_columns: list[str] = field(default_factory=lambda: list(DEFAULT_ACCEL))
-    """The file's accelerometer columns, x, y and z."""
+    gyro_columns: str | list[Any] = field(default_factory=lambda: list(DEFAULT_GYRO))
+    """The file's gyro columns, x, y and z, by name or position. Where it has none of the default
+    ones, names such as gx (deg/s), gyro_x or angular_velocity.x are found. none: no gyros were
+    recorded, and noise alone is fitted."""
+    accel_columns: str | list[Any] = field(default_factory=lambda: list(DEFAULT_ACCEL))
+    """The file's accelerometer columns, x, y and z; none: none were recorded, likewise."""
     columns: list[Any] | None = None
     """All six columns instead: names, or positions counted from one."""
     time_column: Any = None
     """The time column's name or position, or [seconds, nanoseconds] of two; null: found by its
     name, if there; none: not used."""
+    gyro_rows: list[Any] | None = None
+    """[column, value]: the gyros' rows are those in which this column has this value, where several
+    sensors write to one table; so are the accelerometers' unless `accel_rows` is given."""
+    accel_rows: list[Any] | None = None
+    """The accelerometers' rows, likewise."""
+    accel_path: str | list[str] | None = None
+    """The file of the accelerometers, where it is another than the gyros'; or several, one for each
+    of `path`. Clocks that differ are put on one another by their stamps: the faster triad is
+    averaged over the slower one's intervals, and times count from where both have begun. A fit
+    takes each triad's own samples."""
+    accel_table: str | None = None
+    """The table of the accelerometers, of that file or of the gyros' own; null: as `table`."""
+    accel_time_column: Any = None
+    """The time column of the accelerometers' table; null: as `time_column`."""
+    accel_late_s: float = 0.0
+    """Seconds by which the accelerometers' stamps are late against the gyros': they are subtracted,
+    where the two clocks differ by a known time."""
     temperature_column: Any = None
     """Name or position of a column of the sensor's temperature, degrees Celsius or kelvin, which
     may be empty in rows between; null: none is used."""
@@ -85,16 +111,27 @@ class LogConfig:
     """Seconds at the log's start that are left out, counted by its samples."""
     to_s: float | None = None
     """Seconds after the start from which on the rest is left out, likewise; null: none is."""
+    leave_out: list[list[float]] = field(default_factory=list)
+    """Times to leave out, [[from_s, to_s], ...] in order, likewise: a knock, somebody at the bench.
+    Of the pieces between them the longest is read, or each where `gaps` is split."""
+    rows: list[Any] | None = None
+    """The first and the last row that are read, counted from one: [first, last], or [first, null];
+    null: all are."""
     gyro_unit: str = "rad/s"
     """Unit of the gyro columns: of a rate, or of an increment a sample (rad, deg, arcsec); auto: as
     the columns' names say, deg/s where they say nothing."""
     accel_unit: str = "m/s2"
     """Unit of the accelerometer columns: of a specific force, or of an increment a sample (m/s,
     g*s, ug*s); auto: m/s2 or g, whichever makes the log rest at 1 g."""
-    gyro_scale: float = 1.0
-    """Gyro units in one count of the file."""
-    accel_scale: float = 1.0
-    """Accelerometer units in one count of the file."""
+    gyro_scale: float | list[float] = 1.0
+    """Gyro units in one count of the file, or one for each of the file's axes x, y and z; negative
+    where it counts the other way: value = scale (count - offset)."""
+    accel_scale: float | list[float] = 1.0
+    """Accelerometer units in one count of the file, likewise."""
+    gyro_offset: float | list[float] = 0.0
+    """What the gyro columns print where the rate is zero, in counts of the file, or one an axis."""
+    accel_offset: float | list[float] = 0.0
+    """What the accelerometer columns print where the force is zero, likewise."""
     axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
     """Which of the file's axes point forward, right and down: [y, x, -z] for right-forward-up."""
     accel_axes: list[str] | None = None
@@ -109,17 +146,20 @@ class LogConfig:
     the header or the file's name, if there."""
     heading_column: Any = None
     """The column, by name or position, of a reference instrument's heading of the forward axis,
-    degrees, which turns with the plate."""
+    degrees, which turns with the plate; about a level axis it counts where the angle is zero."""
     heading_sigma_deg: float | None = None
     """1 sigma of that reference, degrees; null: it is not known."""
     plate_column: Any = None
-    """The column, by name or position, of the plate's angle at each sample's end, clockwise seen
-    from above."""
+    """The column, by name or position, of the plate's angle at each sample's end, by the right-hand
+    rule: about down, clockwise seen from above."""
     plate_unit: str = "auto"
     """Its unit, deg or rad; auto: as the column's name says, deg where it says nothing."""
     plate_scale: float = 1.0
     """Units of the plate's angle in one count of its column; negative where it counts
     counter-clockwise."""
+    plate_axis: str = "down"
+    """The body's axis about which the plate turns: forward, right or down. About a level one the
+    body is level at angle zero."""
     positions: list[list[float]] | None = None
     """Or the plate's positions, [[from_s, to_s, angle_deg], ...] in order of time, in seconds since
     the first sample; between them it turns."""
@@ -146,31 +186,23 @@ class LogConfig:
     def __post_init__(self) -> None:
         require_name("name", self.name)
         require_choice("reader", self.reader, READERS)
-        _require_paths(self.files, self.angles_deg)
+        require_paths(self.files, self.angles_deg)
         self._require_plate()
-        for name in ("gyro_columns", "accel_columns"):
-            columns = getattr(self, name)
-            require(len(set(columns)) == 3, name, columns, "must be three column names")
+        self._require_triads()
         require_choice("gyro_unit", self.gyro_unit, ["auto", *GYRO_UNITS])
         require_choice("accel_unit", self.accel_unit, ["auto", *ACCEL_UNITS])
-        _require_columns(self.columns, self.time_column)
+        require_columns(self.columns, self.time_column)
         require(self.skip_bytes >= 0, "skip_bytes", self.skip_bytes, "must be 0 or more")
         if self.dtype is not None:
             row_type(self.dtype, "dtype")
-        _require_column("temperature_column", self.temperature_column)
+        require_column("temperature_column", self.temperature_column)
         require_choice("time_unit", self.time_unit, ["auto", *TIME_UNITS])
         require_choice("gaps", self.gaps, GAPS)
         require_choice("repeats", self.repeats, REPEATS)
-        require_axes("axes", self.axes)
-        if self.accel_axes is None:
-            right = is_right_handed(self.axes)
-            require(right, "axes", self.axes, "is a mirrored frame: check the signs, or give "
-                    "accel_axes as well where the gyros' signs are mirrored")  # fmt: skip
-        else:
-            require_axes("accel_axes", self.accel_axes)
+        self._require_frame()
         for name in self.accept:
             require_choice("accept", name, CHECKS)
-        for name in ("gyro_scale", "accel_scale", "most_bias_deg_per_h", "bias_limit_deg_per_h"):
+        for name in ("most_bias_deg_per_h", "bias_limit_deg_per_h"):
             require_positive(name, getattr(self, name))
         require(
             0 <= self.from_s < np.inf, "from_s", self.from_s, "must be zero or more, and finite"
@@ -178,6 +210,8 @@ class LogConfig:
         if self.to_s is not None:
             good = self.from_s < self.to_s < np.inf
             require(good, "to_s", self.to_s, f"must be above from_s = {self.from_s:g}, and finite")
+        require_spans("leave_out", self.leave_out, "[from_s, to_s]")
+        require_rows(self.rows)
         if self.rate_hz is not None:
             good = 0 < self.rate_hz < np.inf
             require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
@@ -191,6 +225,72 @@ class LogConfig:
             if getattr(self, key) is not None:
                 require_name(key, getattr(self, key))
 
+    def _require_triads(self) -> None:
+        """Raise InputError unless the triads' columns, scales and files are stated so that they can
+        be meant."""
+        for name in ("gyro_columns", "accel_columns"):
+            columns = getattr(self, name)
+            three = isinstance(columns, list) and len(columns) == len(set(map(str, columns))) == 3
+            about = f"must be three column names or positions, x, y and z, or {NONE}"
+            require(three or columns == NONE, name, columns, about)
+            for column in columns if isinstance(columns, list) else []:
+                require_column(name, column)
+        about = "and gyro_columns are both none: nothing is left to read"
+        require(bool(self.recorded), "accel_columns", NONE, about)
+        for name in ("gyro_scale", "accel_scale", "gyro_offset", "accel_offset"):
+            value = getattr(self, name)
+            each = value if isinstance(value, list) else [value] * 3
+            require(len(each) == 3, name, value, "must be one number, or three: x, y, z")
+            good = name.endswith("offset") or all(own != 0 for own in each)
+            require(good, name, value, "must not be zero")
+        both = len(self.recorded) == 2
+        about = "has both triads in each row: the key is for another reader"
+        require(both or self.reader != "psins", "reader", self.reader, about)
+        about = "leaves one triad: give the other by gyro_columns=[...] or accel_columns=[...]"
+        require(both or self.columns is None, "columns", self.columns, about)
+        for name in ("gyro_rows", "accel_rows"):
+            value = getattr(self, name)
+            plain = value is None or (len(value) == 2 and not isinstance(value[1], list | dict))
+            require(plain, name, value, "must be [column, value]")
+            require_column(name, None if value is None else value[0])
+        about = "needs gyro_rows as well, where gyros are in other rows of the same table"
+        own_table = self.accel_path is not None or self.accel_table is not None
+        whose = self.accel_rows is None or not both or own_table or self.gyro_rows is not None
+        require(whose, "accel_rows", self.accel_rows, about)
+        if not self.accel_is_apart:
+            for name in ("accel_time_column", "accel_late_s"):
+                about = (
+                    "is for accelerometers of another file, table or row: accel_path, accel_table"
+                )
+                require(not getattr(self, name), name, getattr(self, name), about)
+            return
+        keys = ("accel_path", "accel_table", "accel_rows")
+        key = next(own for own in keys if getattr(self, own) is not None)
+        value = getattr(self, key)
+        require(both, key, value, "is of a triad whose columns are none")
+        require(self.reader == "table", key, value, "is for the reader table")
+        about = "and columns: give gyro_columns and accel_columns, each of its own table"
+        require(self.columns is None, key, value, about)
+        if self.accel_path is not None:
+            several = self.accel_path if isinstance(self.accel_path, list) else [self.accel_path]
+            good = len(several) == len(self.files) and all(several)
+            require(good, key, value, f"must name {len(self.files)}, one for each file of path")
+        require_columns(None, self.accel_time_column, "accel_time_column")
+
+    def _require_frame(self) -> None:
+        """Raise InputError unless the axes, with the signs of the scales, make a right-handed frame
+        where both triads are stated to have the same."""
+        require_axes("axes", self.axes)
+        if self.accel_axes is not None:
+            require_axes("accel_axes", self.accel_axes)
+        signs = [np.sign(self.each(own, "scale")) for own in ("gyro", "accel")]
+        if self.accel_axes is not None or np.any(signs[0] != signs[1]):
+            return
+        right = np.linalg.det(matrix_of(self.axes)) * signs[0].prod() > 0
+        by = " with the signs of gyro_scale and accel_scale" if np.any(signs[0] < 0) else ""
+        about = f"is a mirrored frame{by}: check the signs, or give accel_axes as well where the "
+        require(bool(right), "axes", self.axes, about + "gyros' signs are mirrored")
+
     def _require_plate(self) -> None:
         """Raise InputError unless the plate's angles are stated in one way, or not at all."""
         keys = ("plate_column", "positions", "angles_deg")
@@ -198,16 +298,15 @@ class LogConfig:
         about = f"and {ways[-1]} both state the plate's angles: give one" if ways else ""
         require(len(ways) < 2, ways[0] if ways else "", "given", about)
         require_choice("plate_unit", self.plate_unit, PLATE_UNITS)
+        require_choice("plate_axis", self.plate_axis, AXES)
+        meant = bool(ways) or self.plate_axis == AXES[DOWN]
+        about = "needs the plate's angles: plate_column, positions, or angles_deg"
+        require(meant, "plate_axis", self.plate_axis, about)
         require(self.plate_scale != 0, "plate_scale", self.plate_scale, "must not be zero")
         for key in ("plate_column", "heading_column"):
-            _require_column(key, getattr(self, key))
-        last = 0.0
+            require_column(key, getattr(self, key))
         require(self.positions != [], "positions", self.positions, "must name one, or be null")
-        for own in self.positions or []:
-            good = len(own) == 3 and last <= own[0] < own[1]
-            about = "must be [from_s, to_s, angle_deg] each, in order of time, without overlap"
-            require(good, "positions", own, about)
-            last = own[1]
+        require_spans("positions", self.positions or [], "[from_s, to_s, angle_deg]")
         if self.gap_s is not None:
             require_not_negative(self, "gap_s")
             most = f"must be up to {_LONGEST_GAP_S:g}"
@@ -219,6 +318,38 @@ class LogConfig:
     def files(self) -> list[str]:
         """The log's files: several, or the one."""
         return self.path if isinstance(self.path, list) else [self.path]
+
+    @property
+    def each_file(self) -> "list[LogConfig]":
+        """The description of each of the log's files."""
+        other = self.accel_path if isinstance(self.accel_path, list) else [self.accel_path]
+        return [
+            replace(self, path=own, accel_path=other[at % len(other)])
+            for at, own in enumerate(self.files)
+        ]
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """The triads that were recorded: gyro, accel, or one of them."""
+        return tuple(p for p in ("gyro", "accel") if getattr(self, f"{p}_columns") != NONE)
+
+    @property
+    def accel_is_apart(self) -> bool:
+        """Whether the accelerometers are of a file or table of their own."""
+        others = self.accel_path, self.accel_table
+        rows = self.accel_rows if len(self.recorded) == 2 else None
+        return any(own is not None for own in (*others, rows))
+
+    def each(self, part: str, key: str) -> np.ndarray:
+        """A triad's scale or offset for each of the file's axes, (3,)."""
+        return np.broadcast_to(np.asarray(getattr(self, f"{part}_{key}"), float), (3,))
+
+    def counted(self, part: str, values: np.ndarray) -> np.ndarray:
+        """A triad's values (T, 3), or (T, 0), as printed, in their unit: in their own place."""
+        if values.shape[1]:
+            values -= self.each(part, "offset")
+            values *= self.each(part, "scale")
+        return values
 
     @property
     def axes_of_accel(self) -> list[str]:
@@ -237,49 +368,3 @@ class LogConfig:
         if self.bias_limit_deg_per_h is not None:
             return "log.bias_limit_deg_per_h", self.bias_limit_deg_per_h
         return "log.most_bias_deg_per_h", self.most_bias_deg_per_h
-
-
-def row_type(fields: list[str], key: str = "log.dtype") -> np.dtype:
-    """The NumPy type of a row whose fields are name:type each. Raises InputError, naming `key`,
-    where they are not."""
-    found: list[tuple[str, str]] = []
-    for own in fields:
-        name, _, kind = own.rpartition(":")
-        order, bare = ("<", kind) if kind[:1] not in ("<", ">") else (kind[0], kind[1:])
-        good = bare in _ROW_TYPES or _PASSED_OVER.fullmatch(bare) is not None
-        about = "is no name:type, such as w_x:f4; the types are f4, f8, i or u with 1, 2, 4 or 8, "
-        about += "after > where they are big-endian, and V with bytes that are passed over"
-        require(bool(name.strip()) and good, key, own, about)
-        found.append((name.strip(), bare if bare[0] == "V" else order + bare))
-    names = [name for name, _ in found]
-    twice = len(set(names)) < len(names)
-    require(bool(names) and not twice, key, fields, "must be fields of different names")
-    return np.dtype(found)
-
-
-def _require_columns(columns: list[Any] | None, time: Any) -> None:
-    """Raise InputError unless columns are names, or positions counted from one."""
-    if columns is not None:
-        six = len(columns) == 6 and len(set(map(str, columns))) == 6
-        require(six, "columns", columns, "must be six: gyro x, y, z, accelerometer x, y, z")
-    times = time if isinstance(time, list) else [] if time is None else [time]
-    good = isinstance(time, list) is (len(times) == 2)
-    require(good, "time_column", time, "must be one column, or [seconds, nanoseconds]")
-    for key, given in (("columns", columns or []), ("time_column", times)):
-        for name in given:
-            _require_column(key, name)
-
-
-def _require_column(key: str, name: Any) -> None:
-    """Raise InputError unless a column is a name, a position counted from one, or not given."""
-    known = name is None or isinstance(name, str) or (type(name) is int and name > 0)
-    require(known, key, name, "must be a name, or a position counted from one")
-
-
-def _require_paths(files: list[str], angles: list[float] | None) -> None:
-    """Raise InputError unless files are named, once each and with an angle each where there are
-    any."""
-    require(bool(files) and all(files), "path", files, "must name a file")
-    require(len(set(files)) == len(files), "path", files, "names a file twice")
-    about = f"must be {len(files)}, one for each file of path"
-    require(angles is None or len(angles) == len(files), "angles_deg", angles, about)

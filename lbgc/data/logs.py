@@ -1,29 +1,34 @@
 """Conversion of real logs to records, which from then on are treated like simulated ones."""
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from lbgc.data import converted, two_clocks
 from lbgc.data.checks import all_checks
-from lbgc.data.logconfig import LogConfig
+from lbgc.data.checks.alone import alone_note, checked_alone
+from lbgc.data.checks.moved import PLATE
+from lbgc.data.logconfig import NONE, LogConfig
 from lbgc.data.positions import at_positions, joined
-from lbgc.data.readers.axes import matrix_of
-from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite
+from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite, triads_apart
 from lbgc.data.readers.repeats import sampled, without_printed_twice
+from lbgc.data.readers.stretches import within
 from lbgc.data.readers.timing import EvenPieces, timing
-from lbgc.data.record import Record
+from lbgc.data.record import Record, TriadRecord
 from lbgc.data.rests import without_flicker
 from lbgc.errors import InputError, require
+from lbgc.frames import AXES, DOWN
 from lbgc.sensor.imu import ImuModel
-from lbgc.units import DEG, STANDARD_GRAVITY, force_factor, rate_factor
 
-_UNITS_OF_G = ("g", "mg", "g*s", "ug*s")
-"""Units that depend on the value of g that a file states."""
-_UNEVEN_DEG = 5.0
-"""Largest scatter of a reference instrument's headings, degrees, about one that turns with the
-plate."""
+_OF_A_TRIAD = (
+    "name", "plate_angle", "rate_hz", "latitude", "heading_reference", "temperature", "notes"
+)  # fmt: skip
+"""Fields of a recording that that of one triad has as well."""
+_SHARE = 0.1
+"""The least length of a recording of two clocks, as a share of the longest."""
 
 
 def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> Iterator[Record]:
@@ -33,31 +38,110 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
     Where it is not (the noise is fitted, the sensor calibrated), faults that matter only to a
     heading become notes.
     """
+    yield from checked(unchecked(config, imu), config, imu, north)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording as it was read, before its checks."""
+
+    record: Record
+    config: LogConfig
+    """The configuration, completed by the file's header or name"""
+    apart: tuple[TriadRecord, ...] | None = None
+    """The two triads on their own clocks, with the first of a file's recordings; None where there
+    is one clock"""
+
+
+def unchecked(config: LogConfig, imu: ImuModel | None = None) -> list[Recording]:
+    """A log's recordings before anything was checked. Raises InputError where one triad alone was
+    recorded."""
+    for part in ("gyro", "accel"):
+        key = f"{part}_columns"
+        about = "leaves one triad: a heading and a calibration need gyros and accelerometers both; "
+        about += "python lbgc/fit.py takes one alone"
+        require(getattr(config, key) != NONE, f"log.{key}", NONE, about)
     if config.angles_deg is not None:
-        records = [_of_files(config, imu)]
-    else:
-        records = [
-            (record, raw.config)
-            for file in config.files
-            for raw in READERS[config.reader](find(file), replace(config, path=file))
-            for record in _records(raw)
+        return [_of_files(config, imu)]
+    return [own for file in config.each_file for _, own in _of_file(file)]
+
+
+def checked(
+    found: Sequence[Recording],
+    config: LogConfig,
+    imu: ImuModel | None = None,
+    north: bool = True,
+) -> list[Record]:
+    """The recordings that `unchecked` gives, checked as `read` does."""
+    placed = all(math.isfinite(own.record.latitude) for own in found)
+    require(placed or not north, "log.latitude", None, "must be given for this log")
+    records = [all_checks.checked(own.record, own.config, imu, north) for own in found]
+    return all_checks.together(_told_apart(records), config, north)
+
+
+def read_noise(config: LogConfig) -> list[Sequence[Record] | Sequence[TriadRecord]]:
+    """Read the recordings to which noise is fitted, in groups that have one clock each: both triads
+    together, or each by itself where it is alone or has a clock of its own. They are checked as by
+    `read`, where no heading is asked for. Raises InputError where the log is refused."""
+    if len(config.recorded) == 1:
+        alone = [
+            checked_alone(record, raw.config)
+            for file in config.each_file
+            for raw in READERS[file.reader](find(str(file.path)), file)
+            for record in _triad_records(raw)
         ]
-    found = [all_checks.checked(record, own, imu, north) for record, own in records]
-    yield from all_checks.together(_told_apart(found), config, north)
+        return [[replace(own, notes=(*own.notes, alone_note(own))) for own in alone]]
+    found = unchecked(config)
+    apart = [checked_alone(one, own.config) for own in found for one in own.apart or ()]
+    records = checked(found, config, north=False)
+    if not apart or any(np.ptp(record.plate_angle) > PLATE for record in records):
+        return [records]  # a plate's turns are told by both
+    one_clock = [own.record.name for own in found if own.apart is None]
+    about = f"has one clock where {found[0].record.name} has two: fit them one by one"
+    require(not one_clock, "log.path", ", ".join(one_clock), about)
+    notes = dict.fromkeys(note for record in records for note in record.notes)
+    apart[0] = replace(apart[0], notes=tuple(dict.fromkeys((*notes, *apart[0].notes))))
+    return [[own for own in apart if own.part == part] for part in ("gyro", "accel")]
 
 
-def _of_files(config: LogConfig, imu: ImuModel | None) -> tuple[Record, LogConfig]:
-    """The one recording whose positions are files of their own, and its configuration. Raises
-    InputError where a file holds several recordings, or cannot be one of this recording's."""
+def _of_file(config: LogConfig) -> Iterator[tuple[Raw, Recording]]:
+    """The recordings of one file, or of a pair of one triad each, and what each is from."""
+    if config.accel_is_apart:
+        gyro, accel = triads_apart(config)
+        whole = two_clocks.in_rows(gyro, accel)
+        raws: Iterable[Raw] = [] if whole is None else [whole]
+        pairs = [(gyro, accel)] if whole is None else []
+    else:
+        raws, pairs = READERS[config.reader](find(str(config.path)), config), []
+    for raw in raws:
+        pair = two_clocks.interleaved(raw)
+        if pair is not None:
+            pairs.append(pair)
+            continue
+        for record in _records(raw):
+            yield raw, Recording(record, raw.config)
+    for pair in pairs:
+        for own in _of_two_clocks(*pair):
+            yield pair[0], own
+
+
+def _of_files(config: LogConfig, imu: ImuModel | None) -> Recording:
+    """The one recording whose positions are files of their own. Raises InputError where a file
+    holds several recordings, or cannot be one of this recording's."""
     records, raws = [], []
-    for path in config.files:
-        own = replace(config, path=path, angles_deg=None, gap_s=None)
-        read_from = list(READERS[config.reader](find(path), own))
-        pieces = [record for raw in read_from for record in _records(raw)]
-        require(len(pieces) == 1, "log.path", path, "holds several recordings, not one position")
-        records += pieces
-        raws += read_from
-    return joined(records, raws, config, imu), replace(raws[0].config, angles_deg=None)
+    plain = replace(config, angles_deg=None, gap_s=None, plate_axis=AXES[DOWN])
+    for file in plain.each_file:
+        pieces = list(_of_file(file))
+        require(len(pieces) == 1, "log.path", file.path, "holds several recordings, not one "
+                "position")  # fmt: skip
+        ((raw, own),) = pieces
+        about = f"must be given: {raw.name} has two clocks, whose stamps do not tell the time "
+        about += "between its rests"
+        require(own.apart is None or config.gap_s is not None, "log.gap_s", None, about)
+        records.append(own.record)
+        raws.append(raw)
+    done = replace(raws[0].config, angles_deg=None)
+    return Recording(joined(records, raws, config, imu), done)
 
 
 def _told_apart(records: Iterable[Record]) -> list[Record]:
@@ -72,33 +156,136 @@ def _told_apart(records: Iterable[Record]) -> list[Record]:
 
 
 def _records(raw: Raw) -> Iterator[Record]:
-    """The records of a file, in SI and forward-right-down, one for each evenly sampled piece."""
-    require(len(raw.gyro) > 1, raw.name, f"{len(raw.gyro)} samples", "is no recording")
-    for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
-        require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"])
+    """The records of a file, in SI and forward-right-down, one for each evenly sampled piece. They
+    take the place of `raw`, whose values are converted where they stand: a day has them once."""
+    for own in _pieces(*_timed(raw)):
+        fields = converted.fields_of(own.raw, own.rate_hz, own.notes)
+        rates = converted.rates(own.raw, own.rate_hz)
+        forces = converted.forces(own.raw, own.rate_hz)
+        yield _positioned(Record(gyro=rates, accel=forces, **fields), raw)
+
+
+def _positioned(record: Record, raw: Raw) -> Record:
+    """The record with the plate's angle by its column or by its positions, if it has any."""
+    record = record if raw.plate is None else without_flicker(record)
+    return record if raw.config.positions is None else at_positions(record, raw.config)
+
+
+def _triad_records(raw: Raw) -> Iterator[TriadRecord]:
+    """The recordings of the one triad that was recorded, likewise."""
+    turned = raw.config.positions or raw.config.angles_deg
+    about = "is for gyros and accelerometers both: noise of one triad is fitted to a log at rest"
+    require(not turned, "log.positions", turned, about)
+    for own in _pieces(*_timed(raw)):
+        record = _of_a_triad(own, converted.fields_of(own.raw, own.rate_hz, own.notes))
+        still = bool(np.ptp(record.plate_angle) < PLATE)
+        require(still, "log.plate_column", raw.config.plate_column, f"turns in {own.raw.name}, and "
+                "noise of one triad is fitted to a log at rest")  # fmt: skip
+        yield record
+
+
+def _of_a_triad(own: "_Piece", fields: Mapping[str, Any]) -> TriadRecord:
+    """The recording of a piece's one triad, its values converted. fields : those of its record."""
+    part = "gyro" if own.raw.gyro.shape[1] else "accel"
+    values = (converted.rates if part == "gyro" else converted.forces)(own.raw, own.rate_hz)
+    return TriadRecord(part, values, **{key: fields[key] for key in _OF_A_TRIAD})
+
+
+def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
+    """The recordings of two triads whose clocks differ, where they have the time in common; the
+    triads on their own clocks with the first. Raises InputError where they have none."""
+    timed = [_timed(gyro), _timed(accel)]
+    late = gyro.config.accel_late_s
+    begun = [
+        two_clocks.start(raw, clock, clock.pieces[0]) - by
+        for (raw, clock), by in zip(timed, (0.0, late), strict=True)
+    ]
+    gyros, accels = (
+        [
+            (own, two_clocks.start(raw, clock, own.rows) - by)
+            for own in _pieces(raw, clock, max(begun) - first)
+        ]
+        for (raw, clock), by, first in zip(timed, (0.0, late), begun, strict=True)
+    )
+    fields = [converted.fields_of(own.raw, own.rate_hz, own.notes) for own, _ in gyros]
+    rates = [_of_a_triad(own, of) for (own, _), of in zip(gyros, fields, strict=True)]
+    warmth = [
+        (of["temperature"], own.rate_hz, at) for of, (own, at) in zip(fields, gyros, strict=True)
+    ]
+    forces = [
+        replace(
+            _of_a_triad(own, converted.fields_of(own.raw, own.rate_hz, own.notes)),
+            temperature=two_clocks.temperature_of(len(own.raw.accel), own.rate_hz, at, warmth),
+        )
+        for own, at in accels
+    ]
+    found = [
+        two_clocks.on_one_clock(rate, of, at, force, when)
+        for rate, of, (_, at) in zip(rates, fields, gyros, strict=True)
+        for force, (_, when) in zip(forces, accels, strict=True)
+    ]
+    records = [own for own in found if own is not None]
+    about = f"have no time in common: the accelerometers' stamps begin {begun[1] - begun[0]:.6g} s "
+    about += "after the gyros'; log.accel_late_s=S subtracts S from them, log.accel_time_column "
+    about += "names another clock"
+    require(bool(records), "log.accel_path", f"{gyro.name} and {accel.name}", about)
+    longest = max(own.duration_s for own in records)
+    kept = [own for own in records if own.duration_s >= _SHARE * longest]
+    for number, own in enumerate(kept, start=1):
+        name = own.name if len(kept) == 1 else f"{gyro.name} part {number}"
+        record = _positioned(replace(own, name=name), gyro)
+        yield Recording(record, gyro.config, () if number > 1 else (*rates, *forces))
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """An evenly sampled piece of a file."""
+
+    raw: Raw
+    """Its samples, without time stamps"""
+    rate_hz: float
+    """Samples a second"""
+    rows: slice
+    """The file's rows"""
+    notes: tuple[str, ...]
+    """What was assumed of its clock and its samples"""
+
+
+def _timed(raw: Raw) -> tuple[Raw, EvenPieces]:
+    """A file without rows that are printed twice, and its clock."""
+    rows = max(len(raw.gyro), len(raw.accel))
+    require(rows > 1, raw.name, f"{rows} samples", "is no recording")
     raw = without_printed_twice(raw)
-    clock = clock_of(raw)
-    rows = np.empty((len(raw.gyro), 6))  # row by row, whatever the file's order is
-    rows[:, :3], rows[:, 3:] = raw.gyro, raw.accel
-    pieces = _within(clock, raw.config, raw.name)
+    return raw, clock_of(raw)
+
+
+def _pieces(raw: Raw, clock: EvenPieces, shift_s: float = 0.0) -> Iterator[_Piece]:
+    """The pieces of a file that are read. shift_s : the time, s, from the file's first sample to
+    that from which the configuration's times count."""
+    raw = replace(raw, stamps=None)
+    pieces, cut = within(clock, raw.config, raw.name, shift_s)
+    for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
+        require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"], pieces)
     if raw.config.positions is not None:
-        whole = pieces == [slice(0, len(rows))]
+        whole = pieces == [slice(0, len(raw.gyro))]
         about = f"is for {raw.name} from its first sample to its last, in one piece"
         require(whole, "log.positions", raw.config.positions, about)
     for number, piece in enumerate(pieces, start=1):
         name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
-        values, rate, notes = sampled(name, rows[piece], clock.rate_hz, raw.config.repeats)
+        gyro, accel, rate, notes = sampled(
+            name, raw.gyro[piece], raw.accel[piece], clock.rate_hz, raw.config.repeats
+        )
+        samples = max(len(gyro), len(accel))
         own = replace(
             raw,
             name=name,
-            gyro=values[:, :3],
-            accel=values[:, 3:],
-            plate=_beside(raw.plate, piece, len(values)),
-            heading=_beside(raw.heading, piece, len(values)),
-            temperature=_beside(raw.temperature, piece, len(values)),
+            gyro=gyro,
+            accel=accel,
+            plate=_beside(raw.plate, piece, samples),
+            heading=_beside(raw.heading, piece, samples),
+            temperature=_beside(raw.temperature, piece, samples),
         )
-        record = _record(own, rate, (*raw.notes, *clock.notes, *notes))
-        yield record if raw.config.positions is None else at_positions(record, raw.config)
+        yield _Piece(own, rate, piece, (*raw.notes, *clock.notes, *cut, *notes))
 
 
 def _beside(column: np.ndarray | None, piece: slice, samples: int) -> np.ndarray | None:
@@ -107,20 +294,10 @@ def _beside(column: np.ndarray | None, piece: slice, samples: int) -> np.ndarray
     if column is None:
         return None
     own = column[piece]
+    if len(own) == samples:
+        return own
     ends = np.round(np.arange(1, samples + 1) * (len(own) / samples)).astype(int) - 1
     return np.asarray(own[np.clip(ends, 0, len(own) - 1)])
-
-
-def _within(clock: EvenPieces, config: LogConfig, name: str) -> list[slice]:
-    """The pieces' rows between the times that the configuration has."""
-    first = round(config.from_s * clock.rate_hz)
-    last = math.inf if config.to_s is None else round(config.to_s * clock.rate_hz)
-    cut = [slice(max(p.start, first), int(min(p.stop, last))) for p in clock.pieces]
-    kept = [piece for piece in cut if piece.stop - piece.start > 1]
-    end = max(piece.stop for piece in clock.pieces) / clock.rate_hz
-    about = f"leaves nothing of {name}, which ends at {end:g} s"
-    require(bool(kept), "log.from_s", config.from_s, about)
-    return kept
 
 
 def clock_of(raw: Raw) -> EvenPieces:
@@ -142,67 +319,4 @@ def clock_of(raw: Raw) -> EvenPieces:
         return EvenPieces(stated, whole, (f"time: not used, since {error.choices}",))
 
 
-def _record(raw: Raw, rate: float, notes: tuple[str, ...]) -> Record:
-    """The record of one piece at this rate, Hz, its units and axes converted."""
-    config = raw.config
-    require(config.latitude is not None, "log.latitude", None, "must be given for this log")
-    assert config.latitude is not None
-    for key, column in (("plate_column", raw.plate), ("heading_column", raw.heading)):
-        given = getattr(config, key)
-        about = f"is not read from {raw.name}: log.reader={config.reader} has no further columns"
-        require(given is None or column is not None, f"log.{key}", given, about)
-    gyro = raw.gyro * config.gyro_scale * rate_factor(config.gyro_unit, rate)
-    accel = _forces(raw, rate)
-    angle = np.zeros(len(gyro))
-    if raw.plate is not None:
-        factor = 1.0 if config.plate_unit == "rad" else DEG
-        angle = np.unwrap(raw.plate * (config.plate_scale * factor))
-    sigma = config.heading_sigma_deg
-    record = Record(
-        name=raw.name,
-        gyro=gyro @ matrix_of(config.axes).T,
-        accel=accel @ matrix_of(config.axes_of_accel).T,
-        plate_angle=angle,
-        rate_hz=rate,
-        latitude=config.latitude * DEG,
-        heading_reference=_reference(raw, angle),
-        reference_sigma=None if sigma is None else sigma * DEG,
-        unit=config.unit,
-        session=config.session,
-        temperature=raw.temperature,
-        notes=notes,
-    )
-    return record if raw.plate is None else without_flicker(record)
-
-
-def _reference(raw: Raw, angle: np.ndarray) -> float | None:
-    """The reference heading where the plate's angle is zero, rad: the stated one, or the circular
-    mean of the column's less the angle, (T,), rad. Raises InputError where the column does not turn
-    with the plate."""
-    config = raw.config
-    if raw.heading is None:
-        return None if config.heading_deg is None else config.heading_deg * DEG
-    at_zero = np.exp(1j * (raw.heading * DEG - angle))
-    mean = float(np.angle(at_zero.mean()))
-    off = float(np.sqrt(np.mean(np.angle(at_zero * np.exp(-1j * mean)) ** 2))) / DEG
-    if off > _UNEVEN_DEG:
-        raise InputError(
-            "log.heading_column", config.heading_column, "", f"differs by {off:.3g} deg RMS from "
-            f"one heading of {raw.name} that turns with the plate: its unit is degrees, clockwise "
-            "from north; or the plate's angle is wrong"
-        )  # fmt: skip
-    return mean
-
-
-def _forces(raw: Raw, rate_hz: float) -> np.ndarray:
-    """Specific forces in m/s^2. The unit "auto" is g where their mean is below 3, else m/s2."""
-    values, unit = raw.accel * raw.config.accel_scale, raw.config.accel_unit
-    if unit == "auto":
-        unit = "g" if np.linalg.norm(values.mean(axis=0)) < 3 else "m/s2"
-    factor = force_factor(unit, rate_hz)
-    if raw.gravity is not None and unit in _UNITS_OF_G:
-        factor *= raw.gravity / STANDARD_GRAVITY
-    return values * factor
-
-
-__all__ = ["LogConfig", "columns", "read"]
+__all__ = ["LogConfig", "checked", "columns", "read", "read_noise", "unchecked"]

@@ -12,7 +12,7 @@ from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.raw import Raw
 from lbgc.data.record import Record
 from lbgc.errors import InputError, require
-from lbgc.frames import wrap
+from lbgc.frames import AXES, wrap
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG
 
@@ -28,9 +28,9 @@ def at_positions(record: Record, config: LogConfig) -> Record:
     """A log with the plate's angle by its listed positions, and without what lies before the first
     and behind the last.
 
-    Between two positions the plate turns as the down gyro felt it, brought to the listed angles at
-    both ends. Raises InputError where it felt another turn; where `config.accept` has that, the
-    samples between are taken as not recorded.
+    Between two positions the plate turns as the gyro along its axis felt it, brought to the listed
+    angles at both ends. Raises InputError where it felt another turn; where `config.accept` has
+    that, the samples between are taken as not recorded.
     """
     assert config.positions is not None
     spans = [_span(record, own) for own in config.positions]
@@ -41,9 +41,10 @@ def at_positions(record: Record, config: LogConfig) -> Record:
     at = angles[0]
     for (before, after), (last, this) in zip(pairwise(spans), pairwise(angles), strict=True):
         between = slice(before[1], after[0])
-        rest = (gyro[slice(*before), 2].mean() + gyro[slice(*after), 2].mean()) / 2
-        course = turned_by(gyro[between, 2], float(rest), record.rate_hz)
-        felt = float(course[-1]) if len(course) else 0.0
+        rest = (gyro[slice(*before)].mean(axis=0) + gyro[slice(*after)].mean(axis=0)) / 2
+        every = turned_by(gyro[between], rest, record.rate_hz)
+        course, turns = every[:, record.axis], every[-1] if len(every) else np.zeros(3)
+        felt = float(turns[record.axis])
         step = felt + float(wrap(this - last - felt))  # whole turns are the gyros' to tell
         if agrees(felt, step):
             share = course / felt if felt else np.zeros(len(course))
@@ -53,7 +54,7 @@ def at_positions(record: Record, config: LogConfig) -> Record:
             when = between.start / record.rate_hz, between.stop / record.rate_hz
             value = [own[2] for own in config.positions]
             found = contradiction(
-                record.name, "log.positions", value, when, felt, this - last, "negate the angles"
+                record, "log.positions", value, when, turns, this - last, "negate the angles"
             )
             notes.append(found.settled(config.accept))
             gyro[between] = accel[between] = np.nan
@@ -130,7 +131,9 @@ def joined(
             f"positions: {len(records)} files are one recording of {lasts:.6g} s, the time between "
             f"them included: windows_s=[{lasts:.6g}] holds all of it"
         ] = None
-    return replace(first, name=name, gyro=gyro, accel=accel, plate_angle=angles, notes=tuple(notes))
+    axis = AXES.index(config.plate_axis)
+    return replace(first, name=name, gyro=gyro, accel=accel, plate_angle=angles, axis=axis,
+                   notes=tuple(notes))  # fmt: skip
 
 
 def _gap(

@@ -1,12 +1,13 @@
 """A recording of an IMU, the form that simulated data and real logs both take."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from lbgc.errors import InputError, require
+from lbgc.frames import AXES, DOWN
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Record:
     rate_hz: float
     """Samples a second"""
     latitude: float
-    """Latitude, rad"""
+    """Latitude, rad; NaN where it is not known, which a fit of noise does not need"""
     heading: float | None = None
     """rad, the true heading when the encoder reads zero."""
     heading_reference: float | None = None
@@ -41,6 +42,9 @@ class Record:
     """The sensor's name, where the log states it"""
     session: str | None = None
     """The power-up's name, likewise"""
+    axis: int = DOWN
+    """The body's axis about which the plate turns, by the right-hand rule: its number in
+    `lbgc.frames.AXES`"""
     notes: tuple[str, ...] = ()
     """Plain sentences that belong to the recording's results: how its clock was read, what of its
     frame could not be checked."""
@@ -50,14 +54,53 @@ class Record:
         for name, shape in (("gyro", (n, 3)), ("accel", (n, 3)), ("plate_angle", (n,))):
             got = getattr(self, name).shape
             require(got == shape, f"{self.name}: {name}'s shape", got, f"must be {shape}")
+        require(self.axis in range(3), f"{self.name}: axis", self.axis, f"must be 0 to 2: {AXES}")
         if self.temperature is not None:
             got = self.temperature.shape
             require(got == (n,), f"{self.name}: temperature's shape", got, f"must be {(n,)}")
 
     @property
+    def triads(self) -> Mapping[str, np.ndarray]:
+        """The samples of gyro and accel, (T, 3), SI."""
+        return {"gyro": self.gyro, "accel": self.accel}
+
+    @property
     def duration_s(self) -> float:
         """The recording's duration, s."""
         return len(self.gyro) / self.rate_hz
+
+
+@dataclass(frozen=True)
+class TriadRecord:
+    """One triad of a recording on its own clock, which is all that its noise is fitted to: of a
+    sensor that has no other, or whose other one has another clock.
+
+    No heading comes from it: what takes a `Record` has both triads.
+    """
+
+    part: str
+    """gyro or accel"""
+    values: np.ndarray
+    """(T, 3), rad/s or m/s^2, means over the samples' intervals, body axes forward-right-down"""
+    name: str
+    """The recording's name in messages and reports"""
+    plate_angle: np.ndarray
+    """(T,), rad, as in a `Record`"""
+    rate_hz: float
+    """Samples a second"""
+    latitude: float
+    """Latitude, rad"""
+    heading_reference: float | None = None
+    """rad, as in a `Record`"""
+    temperature: np.ndarray | None = None
+    """(T,), of the sensor, as in a `Record`"""
+    notes: tuple[str, ...] = ()
+    """Plain sentences that belong to the results"""
+
+    @property
+    def triads(self) -> Mapping[str, np.ndarray]:
+        """The samples of this triad, (T, 3), SI, by its name."""
+        return {self.part: self.values}
 
 
 SAMPLED = ("gyro", "accel", "plate_angle")
@@ -154,7 +197,7 @@ def true_rate(edges: np.ndarray, rate_hz: float, target_hz: float) -> float:
     return rate_hz * (len(edges) - 1) / float(edges[-1])
 
 
-def require_one_rate(records: Sequence[Record]) -> None:
+def require_one_rate(records: Sequence[Record | TriadRecord]) -> None:
     """Raise InputError where the rates of recordings whose noise is to be pooled differ by more
     than 1%."""
     first = records[0]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lbgc.data.record import Record
+from lbgc.frames import DOWN, turned
 from lbgc.units import DEG
 
 _BLOCK_S = 0.5
@@ -38,6 +39,15 @@ class Rest:
             accel=record.accel[self.samples],
             plate_angle=np.zeros(self.samples.stop - self.samples.start),
         )
+
+    def level_of(self, record: Record) -> Record:
+        """The same in the axes that the body has where the plate's angle is zero, which is level
+        there. About down they are as good as the body's."""
+        own = self.of(record)
+        if record.axis == DOWN:
+            return own
+        gyro, accel = (turned(v, np.array(self.angle), record.axis) for v in (own.gyro, own.accel))
+        return replace(own, gyro=gyro, accel=accel)
 
 
 def rests(record: Record) -> list[Rest]:

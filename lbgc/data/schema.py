@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from lbgc.frames import AXES as AXES
 from lbgc.protocol import STAGES
 
 SCHEMA = 5
@@ -120,4 +121,3 @@ VARIABLES: dict[str, Variable] = {
 }
 ALWAYS = tuple(name for name, variable in VARIABLES.items() if not variable.optional)
 """What every dataset has."""
-AXES = ("forward", "right", "down")

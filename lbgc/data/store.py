@@ -29,6 +29,7 @@ from lbgc.data.schema import READ, RECORDED, SCHEMA, SPLITS, VARIABLES
 from lbgc.data.verification import State, remember, state
 from lbgc.data.vetting import check_values, layout_of
 from lbgc.errors import InputError, reading, require
+from lbgc.frames import AXES, DOWN
 from lbgc.outputs import fingerprint, shown
 
 codec.take()
@@ -220,6 +221,11 @@ class Dataset:
         return said
 
     @property
+    def _axis(self) -> int:
+        """The body's axis about which its plate turns."""
+        return AXES.index(self.configuration["protocol"].get("axis", AXES[DOWN]))
+
+    @property
     def rate_hz(self) -> float:
         """Stored values a second: samples, or means."""
         return self.layout.rate_hz
@@ -330,6 +336,7 @@ class Dataset:
     def records(self, indices: np.ndarray) -> Iterator[Record]:
         """The recordings at these indices, ascending; a chunk is read once, and then let go."""
         labels = {n: self.label(n) for n in ("heading", "heading_reference", "latitude")}
+        axis = self._axis
         ascending = np.sort(indices)
         ends = np.flatnonzero(np.diff(ascending // self.layout.chunk("gyro"))) + 1
         for inside in np.split(ascending, ends) if len(ascending) else ():
@@ -346,6 +353,7 @@ class Dataset:
                     latitude=float(labels["latitude"][i]),
                     heading=float(labels["heading"][i]),
                     heading_reference=float(labels["heading_reference"][i]),
+                    axis=axis,
                 )
 
     def _decoded(self, name: str, span: slice) -> np.ndarray:

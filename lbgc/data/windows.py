@@ -17,7 +17,8 @@ from lbgc.data.record import (
     true_rate,
     whole_multiple,
 )
-from lbgc.errors import InputError
+from lbgc.errors import InputError, require, require_choice
+from lbgc.frames import AXES, DOWN
 
 _MOST = 0.98
 """The least share of a window's samples that whole blocks must cover."""
@@ -39,6 +40,9 @@ class Windows:
     """(W,), rad, latitude"""
     start_s: np.ndarray
     """(W,), s, when each window begins, since the recording's start"""
+    axis: int = DOWN
+    """The body's axis about which the plate turns, in all windows: its number in `lbgc.frames.AXES`
+    """
 
     def __len__(self) -> int:
         return len(self.gyro)
@@ -58,7 +62,8 @@ class Windows:
 
     def rows(self, which: slice | np.ndarray) -> "Windows":
         """The windows that `which` selects."""
-        return replace(self, **{k: v[which] for k, v in vars(self).items() if k != "rate_hz"})
+        alike = ("rate_hz", "axis")
+        return replace(self, **{k: v[which] for k, v in vars(self).items() if k not in alike})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,13 +104,15 @@ def window_of(
     rate_hz: float,
     latitude_deg: float,
     plate_angle: np.ndarray | None = None,
+    axis: str = AXES[DOWN],
 ) -> Windows:
     """The arrays of a user's own recording as one window.
 
     gyro : (T, 3), rad/s, and accel : (T, 3), m/s^2, forward-right-down, each sample the mean over
-    its interval; plate_angle : (T,), rad, None where nothing turns. Raises InputError where the
-    shapes do not agree.
+    its interval; plate_angle : (T,), rad, None where nothing turns; axis : about which the plate
+    turns, forward, right or down. Raises InputError where the shapes do not agree.
     """
+    require_choice("axis", axis, AXES)
     n = len(gyro)
     plate = np.zeros(n) if plate_angle is None else np.asarray(plate_angle, float)
     record = Record(
@@ -115,6 +122,7 @@ def window_of(
         plate,
         rate_hz,
         float(np.deg2rad(latitude_deg)),
+        axis=AXES.index(axis),
     )
     return cut(record, n / rate_hz)
 
@@ -145,6 +153,7 @@ def cut(record: Record, window_s: float) -> Windows:
         rate_hz=record.rate_hz,
         latitude=np.full(count, record.latitude),
         start_s=np.arange(count) * length_s,
+        axis=record.axis,
     )
     if not np.isnan(windows.gyro[:, 0, 0]).any():
         return windows
@@ -152,10 +161,19 @@ def cut(record: Record, window_s: float) -> Windows:
 
 
 def joined(several: Sequence[Windows]) -> Windows:
-    """Several sets of windows, of one length and rate, as one set."""
+    """Several sets of windows, of one length, rate and axis of the plate, as one set."""
+    _one_axis([own.axis for own in several])
     names = (*SAMPLED, "latitude", "start_s")
     values: dict[str, Any] = {n: np.concatenate([getattr(w, n) for w in several]) for n in names}
     return replace(several[0], **values)
+
+
+def _one_axis(several: Sequence[int]) -> int:
+    """The axis about which the plates turn. Raises InputError where there are several."""
+    found = sorted(set(several))
+    names = " and ".join(AXES[axis] for axis in found)
+    require(len(found) < 2, "the plate's axis", names, "must be one in all recordings")
+    return found[0] if found else DOWN
 
 
 def length_note(record: Record, window_s: float) -> str | None:
@@ -205,6 +223,7 @@ def stack(records: Iterable[Record], rate_hz: float) -> Labelled:
         rate_hz=rate_hz,
         latitude=np.array([r.latitude for r in rows]),
         start_s=np.zeros(len(rows)),
+        axis=_one_axis([r.axis for r in rows]),
     )
     return Labelled(
         windows=windows,

@@ -15,7 +15,7 @@ from lbgc.data.record import mean_along
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.estimators.plate import mean_angle, mean_turn, tilt_of, travel_within, usable
-from lbgc.frames import turned, unrepeated
+from lbgc.frames import DOWN, turned, unrepeated
 
 MOST_BLOCKS = 240
 """Largest number of blocks into which a window is cut."""
@@ -80,6 +80,8 @@ class Course:
     """(n,), (rad/s)^2, mean square of the plate's rate over each part"""
     unsure: tuple[float, ...]
     """(n,), 1 sigma of `turned`: of slews, of which only samples are known; zero elsewhere"""
+    axis: int = DOWN
+    """The body's axis about which the plate turns"""
 
     @property
     def c(self) -> np.ndarray:
@@ -128,7 +130,7 @@ class Course:
     def only(self, which: np.ndarray) -> "Course":
         """The course made of those parts alone where `which`, bool (n,), is true."""
         every = zip(*(getattr(self, name) for name in _PARTS), strict=True)
-        return Course(self.interval, self.start, *_columns(compress(every, which)))
+        return replace(self, **_columns(compress(every, which)))
 
     @classmethod
     def planned(
@@ -139,13 +141,14 @@ class Course:
         size: int = 1,
         settling: np.ndarray | None = None,
         unrecorded: np.ndarray | None = None,
+        axis: int = DOWN,
     ) -> "Course":
         """The course that follows from the plate's mean angle over each sample.
 
         angle : (n size,), rad, unwrapped; interval : s, of a block of `size` samples; start_s : s,
         the window's start in its recording; settling : bool (n,), blocks in which the plate is not
         at rest yet although its angle does not show it; unrecorded : bool (n,), blocks of which
-        samples are missing.
+        samples are missing; axis : about which the plate turns.
 
         Blocks in which the plate speeds up or slows down are left out, unless they lie between two
         rests. Those together are one slew, in which the plate travels the angle between the rests.
@@ -171,7 +174,7 @@ class Course:
             if seen and used[before] and resting[before] and resting[last + 1]:
                 parts += _slew(angle, of_blocks, size, interval, int(before), int(last))
         parts.sort(key=lambda part: part[0])
-        return cls(interval, round(start_s / interval), *_columns(parts))
+        return cls(interval, round(start_s / interval), axis=axis, **_columns(parts))
 
 
 def _slew(
@@ -196,9 +199,10 @@ def _slew(
              float(squared), float(unsure))]  # fmt: skip
 
 
-def _columns(parts: Iterable[_Part]) -> tuple[tuple[Any, ...], ...]:
-    """One tuple for each field in _PARTS, from rows of parts; empty ones where there is no part."""
-    return tuple(zip(*parts, strict=True)) or ((),) * len(_PARTS)
+def _columns(parts: Iterable[_Part]) -> dict[str, Any]:
+    """A tuple for each field in _PARTS, from rows of parts; empty ones where there is no part."""
+    columns = tuple(zip(*parts, strict=True)) or ((),) * len(_PARTS)
+    return dict(zip(_PARTS, columns, strict=True))
 
 
 @dataclass(frozen=True)
@@ -222,8 +226,8 @@ class Levelled:
 
     @property
     def data(self) -> np.ndarray:
-        """Means in level axes that turn with the plate, (V, 4, n): forward and right rate, rad/s,
-        forward and right specific force, m/s^2."""
+        """Means in level axes that turn with a plate about down, (V, 4, n): forward and right rate,
+        rad/s, forward and right specific force, m/s^2."""
         at = np.array(self.course.angle)[None]
         both = (np.moveaxis(self.body[:, rows], 1, -1) for rows in (slice(3), slice(3, 6)))
         return np.concatenate([_turned_level(v, at, self.base) for v in both], axis=1)
@@ -260,7 +264,10 @@ def levelled(
     angle = mean(samples)
     gyro, accel = mean(windows.gyro), mean(windows.accel)
     interval = size / windows.rate_hz
-    base = tilt_of(unrepeated(angle), accel)
+    still = accel
+    if windows.axis != DOWN:  # there gravity itself turns, and a slew's angle is hardly known
+        still = np.where(np.any(usable(angle), axis=0)[..., None], accel, np.nan)
+    base = tilt_of(unrepeated(angle), still, windows.axis)
     body = np.concatenate([gyro, accel], axis=-1)
     none = np.isnan(body).all(axis=-1)
     start = windows.start_s * (not timeless)
@@ -274,8 +281,9 @@ def levelled(
     for rows in own.values():
         start_s, latitude = alike[rows[0], :2].tolist()
         own_samples = samples[rows[0]].round(9)
+        missing = none[rows[0]] if none.any() else None
         course = Course.planned(
-            own_samples, interval, start_s, size, unrecorded=none[rows[0]] if none.any() else None
+            own_samples, interval, start_s, size, unrecorded=missing, axis=windows.axis
         )
         groups.setdefault((course, latitude), []).extend(rows)
     return [
@@ -290,7 +298,7 @@ def _parts(body: np.ndarray, course: Course) -> np.ndarray:
     for k in np.flatnonzero(course.slewing):
         first = course.blocks[k]
         found[:, k] = body[:, first : first + course.lengths[k]].mean(axis=1)
-    found[..., 2] -= course.rate
+    found[..., course.axis] -= course.rate
     return np.moveaxis(found, 1, 2)
 
 
@@ -303,7 +311,7 @@ def block_size(samples: int) -> int:
 
 
 def _turned_level(values: np.ndarray, angle: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """Horizontal components, in level axes that turn with the plate, of vectors in the body's
-    axes: (W, n, 3) -> (W, 2, n). angle : rad, the plate's; tilt : (W, 3, 3), of the base."""
+    """Horizontal components, in level axes that turn with a plate about down, of vectors in the
+    body's axes: (W, n, 3) -> (W, 2, n). angle : rad, the plate's; tilt : (W, 3, 3), of the base."""
     level_axes = turned(values, angle) @ np.swapaxes(tilt, 1, 2)
     return np.moveaxis(turned(level_axes[..., :2], -angle), -1, 1)

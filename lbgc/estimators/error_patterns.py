@@ -1,14 +1,15 @@
 """The effect of a sensor's errors on means in the body's axes, on a plate whose base may lean.
 
 The data of a window are six channels, gyros and accelerometers forward, right and down, means over
-the parts of a course (see lbgc.estimators.block_means). With theta the plate's angle, L the
-rotation from the base's axes to level ones, and u a vector in level axes whose forward axis is the
-base's heading,
+the parts of a course (see lbgc.estimators.block_means). With a the body's axis about which the
+plate turns, theta its angle, L the rotation from the base's axes (the body's at angle zero) to
+level ones, and u a vector in level axes whose forward axis is the base's heading,
 
-    vector felt = Rz(theta)' L' u,    u = (Omega cos(lat) q_1, -Omega cos(lat) q_2, -Omega sin(lat))
+    vector felt = Ra(theta)' L' u,    u = (Omega cos(lat) q_1, -Omega cos(lat) q_2, -Omega sin(lat))
                                       or (0, 0, -g)
+                = a (a b) + cos(theta) (b - a (a b)) - sin(theta) a x b,    b = L' u (Rodrigues)
 
-and the plate's rate about down besides. Noise that evolves within a recording is independent from
+and the plate's rate about a besides. Noise that evolves within a recording is independent from
 channel to channel and depends on neither heading nor lean: it has one covariance a channel. Every
 other error is a number that is drawn once, times a known pattern: 1, cos theta, sin theta, the
 plate's rate and its square, and the first four times the warming up so far. So each cause of errors
@@ -25,16 +26,18 @@ import numpy as np
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
 from lbgc.estimators.block_means import ENCODER, Course, Site
+from lbgc.frames import DOWN, across
 from lbgc.sensor import errors
 from lbgc.sensor.deterministic import InRun
 from lbgc.sensor.imu import ImuModel
+from lbgc.units import STANDARD_GRAVITY
 
 CHANNELS = 6
 PATTERNS = 9
 ONE, COS, SIN, RATE, SQUARE, WARM = range(6)
 """The patterns' numbers; from WARM on, warming up times the first four."""
 _LEVER_M = 0.3
-"""m, 1 sigma of either horizontal component of the accelerometers' lever arm from the hinge."""
+"""m, 1 sigma of either component of the accelerometers' lever arm across the hinge."""
 _LATITUDE = np.deg2rad(0.01)
 """rad, 1 sigma of the stated latitude: a kilometre."""
 _GRAVITY = 1e-3
@@ -62,14 +65,16 @@ def patterns(imu: ImuModel, course: Course) -> np.ndarray:
     return np.stack(every, axis=1)
 
 
-def felt_of(base: np.ndarray, u: np.ndarray) -> np.ndarray:
+def felt_of(base: np.ndarray, u: np.ndarray, axis: int = DOWN) -> np.ndarray:
     """Coefficients of patterns, (G, 3, PATTERNS), of what the body's three axes feel of a vector u,
-    (3,), that is constant in level axes. base : (G, 3, 3), L."""
+    (3,), that is constant in level axes. base : (G, 3, 3), L; axis : about which the plate
+    turns."""
     b = np.swapaxes(base, 1, 2) @ u
+    i, j = across(axis)
     found = np.zeros((len(base), 3, PATTERNS))
-    found[:, 0, COS], found[:, 0, SIN] = b[:, 0], b[:, 1]
-    found[:, 1, COS], found[:, 1, SIN] = b[:, 1], -b[:, 0]
-    found[:, 2, ONE] = b[:, 2]
+    found[:, i, COS], found[:, i, SIN] = b[:, i], b[:, j]
+    found[:, j, COS], found[:, j, SIN] = b[:, j], -b[:, i]
+    found[:, axis, ONE] = b[:, axis]
     return found
 
 
@@ -98,12 +103,13 @@ class Signal:
     share of Earth's horizontal rate is left out: it is vertical, and hardly felt"""
 
 
-def signal(base: np.ndarray, site: Site) -> Signal:
-    """The error-free signal at a site, on G bases whose attitudes L are base, (G, 3, 3)."""
+def signal(base: np.ndarray, site: Site, axis: int = DOWN) -> Signal:
+    """The error-free signal at a site, on G bases whose attitudes L are base, (G, 3, 3), whose
+    plates turn about this axis."""
     north, down, g = site.north, site.down, site.gravity
 
     def both(rate: tuple[float, float, float], force: tuple[float, float, float]) -> np.ndarray:
-        return np.concatenate([felt_of(base, np.array(u)) for u in (rate, force)], axis=1)
+        return np.concatenate([felt_of(base, np.array(u), axis) for u in (rate, force)], axis=1)
 
     none = (0.0, 0.0, 0.0)
     return Signal(
@@ -113,23 +119,24 @@ def signal(base: np.ndarray, site: Site) -> Signal:
     )
 
 
-def causes(imu: ImuModel, base: np.ndarray, site: Site) -> dict[str, np.ndarray]:
+def causes(imu: ImuModel, base: np.ndarray, site: Site, axis: int = DOWN) -> dict[str, np.ndarray]:
     """Errors that are drawn once, by the name of their cause: coefficients of patterns times 1
-    sigma, (G, r, CHANNELS, PATTERNS), of r independent errors each. base : (G, 3, 3), L."""
-    earth = signal(base, site)
+    sigma, (G, r, CHANNELS, PATTERNS), of r independent errors each. base : (G, 3, 3), L; axis :
+    about which the plates turn."""
+    earth = signal(base, site, axis)
     force = earth.known[:, ACCEL]
     turning = np.zeros_like(force)
-    turning[:, 2, RATE] = 1.0
+    turning[:, axis, RATE] = 1.0
     horizontal = [part[:, GYRO] / np.sqrt(2) for part in earth.q]  # RMS over headings
     rates = [*horizontal, earth.known[:, GYRO] + turning]
-    levers = [_on_axis(axis, _single(len(base), SQUARE, _LEVER_M)) for axis in (0, 1)]
+    levers = [_on_axis(own, _single(len(base), SQUARE, _LEVER_M)) for own in across(axis)]
     one = np.zeros_like(force)
     one[..., ONE] = 1.0
     north, east, down = imu.field_ned
     level = float(np.hypot(north, east))
     each_way = [(level, 0.0, 0.0), (0.0, -level, 0.0)]  # of cos and sin of its angle to the base
-    fields = [felt_of(base, np.array(u)) / np.sqrt(2) for u in each_way]
-    fields.append(felt_of(base, np.array([0.0, 0.0, down])))
+    fields = [felt_of(base, np.array(u), axis) / np.sqrt(2) for u in each_way]
+    fields.append(felt_of(base, np.array([0.0, 0.0, down]), axis))
     found: dict[str, list[np.ndarray]] = {}
     for rows, triad, truths, own in (
         (GYRO, imu.gyro, rates, ""),
@@ -139,12 +146,12 @@ def causes(imu: ImuModel, base: np.ndarray, site: Site) -> dict[str, np.ndarray]
                 errors.FIELD: fields}  # fmt: skip
         for error in triad.drawn:
             each = found.setdefault(own + error.cause, [])
-            for axis, c in (one for part in felt[error.follows] for one in error.along(part)):
+            for row, c in (one for part in felt[error.follows] for one in error.along(part)):
                 warmed = np.pad(c[:, :SQUARE], ((0, 0), (WARM, 0))) if error.warms else c
-                each.append(_on_channels(rows, _on_axis(axis, warmed)))
+                each.append(_on_channels(rows, _on_axis(row, warmed)))
     found["accelerometer lever arm"] = [_on_channels(ACCEL, lever) for lever in levers]
     found["gravity"] = [_GRAVITY * _on_channels(ACCEL, force)]
-    vertical = felt_of(base, np.array([0.0, 0.0, -site.north * _LATITUDE]))
+    vertical = felt_of(base, np.array([0.0, 0.0, -site.north * _LATITUDE]), axis)
     found["latitude"] = [_on_channels(GYRO, vertical)]
     stacked = {name: np.stack(each, axis=1) for name, each in found.items() if each}
     return {name: c[:, c.any(axis=(0, 2, 3))] for name, c in stacked.items() if c.any()}
@@ -165,10 +172,12 @@ def _on_axis(axis: int, coefficients: np.ndarray) -> np.ndarray:
     return found
 
 
-def free_bias() -> np.ndarray:
-    """A bias of unknown size on each gyro, as coefficients of patterns times ANY_BIAS, (1, 3,
-    CHANNELS, PATTERNS)."""
-    each = [_on_channels(GYRO, _on_axis(axis, _single(1, ONE, ANY_BIAS))) for axis in range(3)]
+def free_bias(axis: int) -> np.ndarray:
+    """A bias of unknown size on each gyro that the turning plate frees of it, as coefficients of
+    patterns times ANY_BIAS, (1, r, CHANNELS, PATTERNS). Along a level axis of the plate nothing
+    turns, and all that tells north from a bias is the bias's own size."""
+    freed = range(3) if axis == DOWN else across(axis)
+    each = [_on_channels(GYRO, _on_axis(own, _single(1, ONE, ANY_BIAS))) for own in freed]
     return np.stack(each, axis=1)
 
 
@@ -191,12 +200,27 @@ def _within(imu: ImuModel, course: Course) -> Iterator[tuple[str, int, np.ndarra
             for term in triad.in_run(axis, imu.dt):
                 yield term.cause, first + axis, _parts_covariance(term, course)
     misread = ENCODER * course.encoder_errors()
-    yield "encoder", 2, misread @ misread.T
+    yield "encoder", course.axis, misread @ misread.T
     unsure = np.diag(np.square(EARTH_RATE * np.array(course.unsure)))
-    yield from (("encoder", channel, unsure) for channel in (0, 1))
+    yield from (("encoder", channel, unsure) for channel in across(course.axis))
+    if course.axis != DOWN:
+        for channel, C in zip(across(course.axis), _turned_gravity(course), strict=True):
+            yield "encoder", ACCEL.start + channel, C
     if course.slewing.any():  # accelerometers feel the slew's own acceleration there
         for channel in (3, 4, 5):
             yield "slews", channel, np.diag(np.where(course.slewing, _SLEW**2, 0.0))
+
+
+def _turned_gravity(course: Course) -> Iterator[np.ndarray]:
+    """Covariances, (n, n), of what errors of the plate's angle make of gravity on either axis
+    across a level axis of the plate, (m/s^2)^2. The encoder errs alike over a rest, and anew in
+    each."""
+    new = np.abs(np.diff(course.angle, prepend=np.inf)) > ENCODER
+    alike = np.equal.outer(np.cumsum(new), np.cumsum(new)) * (STANDARD_GRAVITY * ENCODER) ** 2
+    gravity = np.array([0.0, -1.0]) if across(course.axis)[1] == DOWN else np.array([-1.0, 0.0])
+    c, s = course.c, course.s
+    for slope in (-s * gravity[0] + c * gravity[1], -c * gravity[0] - s * gravity[1]):
+        yield np.outer(slope, slope) * alike
 
 
 @lru_cache(maxsize=16)

@@ -8,6 +8,7 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError
+from lbgc.frames import AXES, DOWN
 from lbgc.sensor.imu import ImuModel
 
 
@@ -25,9 +26,18 @@ class Estimate:
     of the sensor, and no window shows a bias."""
 
 
+_AT_ZERO = np.deg2rad(0.01)
+"""Angle of a plate, rad, up to which it counts as zero."""
 Estimator: TypeAlias = Callable[[Windows, ImuModel | None], Estimate]
 """A function of windows and of their sensor's model, None where that is not known. It answers each
 window from its own row alone, and raises InputError at windows that it cannot answer."""
+
+
+def require_down(name: str, windows: Windows) -> None:
+    """Raise InputError for the estimator `name` where a plate is turned about a level axis."""
+    if windows.axis != DOWN and np.abs(windows.plate_angle).max(initial=0.0) > _AT_ZERO:
+        about = f"that is turned about {AXES[windows.axis]} is none of its: it takes one about "
+        raise refusal(name, "a plate", "", f"{about}down; two_position, gls, ekf and floor take it")
 
 
 def refusal(name: str, value: object, unit: str, why: str) -> InputError:

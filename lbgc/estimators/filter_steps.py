@@ -12,7 +12,7 @@ from lbgc.data.windows import Windows
 from lbgc.estimators.estimate import refusal
 from lbgc.estimators.plate import mean_angle, tilt_of, usable
 from lbgc.estimators.sway_noise import velocity_noise
-from lbgc.frames import rotation_matrix, rotation_z
+from lbgc.frames import DOWN, rotation, rotation_matrix
 from lbgc.sensor.imu import ImuModel
 
 _CREEPS = np.deg2rad(0.05)
@@ -48,8 +48,11 @@ class Steps:
     rests: np.ndarray
     """bool (W, n): the plate rests; false throughout where the base is taken to move"""
     unrecorded: np.ndarray
-    """bool (W, n): samples of the step are missing; its integrals are then zero, and its mean force
-    NaN"""
+    """bool (W, n): samples of the step are missing, or it is of a slew about a level axis, where
+    neither forces nor the encoder hold the heading that gyros carry on; its integrals are then
+    zero, and its mean force NaN"""
+    axis: int = DOWN
+    """The body's axis about which the plate turns"""
 
     @property
     def carried(self) -> np.ndarray:
@@ -77,6 +80,18 @@ def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: st
         np.asarray(v[:, :cut], float).reshape(w, n, size, 3) for v in (windows.gyro, windows.accel)
     )
     none = np.asarray(windows.unrecorded[:, :cut].reshape(w, n, size).any(axis=2))
+    angle = mean_angle(windows.plate_angle, windows.rate_hz, imu.dt)
+    angle = angle[:, :cut].reshape(w, n, size).mean(axis=2)
+    even, rests = np.zeros((w, n), bool), np.zeros((w, n), bool)
+    for row in range(w):
+        if moving:
+            even[row] = _even(angle[row], size * dt)
+            continue
+        even[row], resting = usable(angle[row].round(9))
+        even[row] &= ~none[row]
+        rests[row] = even[row] & resting
+    if windows.axis != DOWN:
+        none = none | ~even
     if none.any():
         if moving:
             what = "moves while something was not recorded: the gyros cannot carry the attitude on"
@@ -89,16 +104,6 @@ def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: st
         push += np.einsum("wnij,wnj->wni", turned, force) * dt
         total += push
         turned = turned @ rotation_matrix(gyro[:, :, k] * dt)
-    angle = mean_angle(windows.plate_angle, windows.rate_hz, imu.dt)
-    angle = angle[:, :cut].reshape(w, n, size).mean(axis=2)
-    even, rests = np.zeros((w, n), bool), np.zeros((w, n), bool)
-    for row in range(w):
-        if moving:
-            even[row] = _even(angle[row], size * dt)
-            continue
-        even[row], resting = usable(angle[row].round(9))
-        even[row] &= ~none[row]
-        rests[row] = even[row] & resting
     if not even.any(axis=1).all():
         raise refusal(name, "the plate", "", "never rests or turns steadily in a window")
     half = np.gradient(angle, axis=1) / 2 if n > 1 else np.zeros((w, 1))
@@ -107,7 +112,7 @@ def cut_steps(windows: Windows, imu: ImuModel, size: int, moving: bool, name: st
     # Rounding to counts and fast sways scatter single samples of velocity far more than their mean.
     mean_push, mean_time = (total / size, (size + 1) / 2 * dt) if moving else (push, size * dt)
     return Steps(size * dt, turned, push, mean_push, mean_time, *means, angle, half, even, rests,
-                 none)  # fmt: skip
+                 none, windows.axis)  # fmt: skip
 
 
 def _even(angle: np.ndarray, interval: float) -> np.ndarray:
@@ -124,8 +129,9 @@ def coarse(steps: Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     start of the first even step, (W, 3, 3); and the number of that step, (W,). Attitudes are
     relative to n', the level axes of lbgc.estimators.kalman."""
     row, first = np.arange(len(steps.even)), np.argmax(steps.even, axis=1)
-    base = tilt_of(steps.angle, steps.force)
-    return base, base @ rotation_z((steps.angle - steps.half)[row, first]), first
+    base = tilt_of(steps.angle, steps.force, steps.axis)
+    at = rotation((steps.angle - steps.half)[row, first], steps.axis)
+    return base, base @ at, first
 
 
 def sway(steps: Steps, name: str) -> np.ndarray:

@@ -24,7 +24,7 @@ from lbgc.estimators.estimate import Estimate
 from lbgc.estimators.information import Information, check_fit, fitted
 from lbgc.estimators.least_squares import answer, needs_model
 from lbgc.estimators.posterior import AS_LENGTHS, across, along, bayes
-from lbgc.frames import wrap
+from lbgc.frames import AXES, wrap
 from lbgc.protocol import ProtocolConfig, plan
 from lbgc.sensor import streams
 from lbgc.sensor.imu import ImuModel
@@ -33,6 +33,8 @@ HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 """rad, over which errors are averaged."""
 DRAWS = 3000
 """Number of draws of a heading and its data in `expected_floor`."""
+_LINEAR = np.deg2rad(20.0)
+"""Standard deviation of a heading, rad, below which errors are close to linear ones."""
 SETTLE_S = 1.6
 """Time that the servo of sim/ takes to bring the plate to rest after a slew, s."""
 
@@ -48,9 +50,18 @@ def white_crlb(N: float, latitude: float, duration_s: float) -> float:
 
 def crlb(told: Information) -> float:
     """The van Trees bound: RMS over headings of the least standard deviation, rad; NaN above 6
-    degrees."""
+    degrees, or where errors are not linear."""
     rms = float(np.sqrt(small_errors(told)))
-    return rms if rms < AS_LENGTHS else float("nan")
+    return rms if rms < AS_LENGTHS and is_linear(told) else float("nan")
+
+
+def is_linear(told: Information) -> bool:
+    """Whether a heading's errors are linear in the data's. At headings along which J is least, what
+    J tells across them bends log p by its own share, of order sqrt(largest)/smallest eigenvalue:
+    the heading's standard deviation where both are equal, and more about a level axis, along which
+    a bias stays."""
+    least, most = np.linalg.eigvalsh(told.J[0])
+    return bool(np.sqrt(most) < AS_LENGTHS * least)
 
 
 def expected_floor(told: Information, draws: int = DRAWS) -> float:
@@ -68,9 +79,13 @@ def expected_floor(told: Information, draws: int = DRAWS) -> float:
     noise = rng.standard_normal((draws, 2)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     square = wrap(bayes(q @ J + noise, J).heading - psi) ** 2
     sigma = told.sigma(psi)
-    if np.median(sigma) < np.deg2rad(20.0):
+    if np.max(sigma) < _LINEAR:
         linear = np.sum(n * noise, axis=1) * sigma**2
         square = square - linear**2 + small_errors(told)
+    else:  # about a horizontal axis north is sharp at some headings, and hidden at others
+        near = sigma < _LINEAR
+        linear = np.sum(n[near] * noise[near], axis=1) * sigma[near] ** 2
+        square[near] += sigma[near] ** 2 - linear**2
     return float(np.sqrt(np.mean(square)))
 
 
@@ -113,7 +128,8 @@ def course_of(
     begin = np.arange(MOST_BLOCKS) * interval
     over = (begin + interval > ends) & (begin < ends + settle_s)
     settling = np.asarray(over.any(axis=0))
-    course = Course.planned(angle - planned.start, interval, start_s, fine, settling)
+    course = Course.planned(angle - planned.start, interval, start_s, fine, settling,
+                            axis=AXES.index(config.axis))  # fmt: skip
     require(len(course.blocks) > 1, "windows_s", duration_s, "leaves no rest between the slews")
     return course
 

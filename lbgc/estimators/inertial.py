@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.estimators import circle, reduced_order, velocity_errors
-from lbgc.estimators.estimate import Estimate, refusal
+from lbgc.estimators.estimate import Estimate, refusal, require_down
 from lbgc.estimators.least_squares import check
 from lbgc.estimators.sway_noise import BLOCKS, variance
 from lbgc.frames import matrix_to_euler, rotation_matrix, skew, wrap
@@ -43,9 +43,7 @@ _LEAST_BIAS = 1e-12
 _LEAST_VELOCITY = 1e-9
 """rad/s and m/s: far below any sensor's, so that nothing is divided by zero."""
 _LEAST_TURN = np.deg2rad(20.0)
-_ONE_FOR_THE_OTHER = (
-    "is not known, and the plate does not turn enough to tell a gyro's bias from north"
-)
+_ONE_FOR_THE_OTHER = "is not known; the plate does not turn enough to tell a bias from north"
 _RANK = 1e-9  # share of the largest singular value below which a direction counts as zero
 _NO_ANSWER = 1.0  # rad, heading's standard deviation from which on a bias hides north
 
@@ -252,6 +250,7 @@ _DIFFERENCES = _Form(_differences, _undifferenced)
 def _check(name: str, windows: Windows) -> None:
     """Raise InputError where windows cannot be answered, or have fewer than 50 samples."""
     check(name, windows, whole=True)
+    require_down(name, windows)
     samples = windows.gyro.shape[1]
     if samples < _LEAST_SAMPLES:
         about = f"samples a window; it takes {_LEAST_SAMPLES} or more, fast enough to see the sway"

@@ -120,12 +120,11 @@ def _information(
 ) -> Information:
     """The information on q on bases whose attitudes L are base, (G, 3, 3); free : whether each
     gyro's bias is of unknown size."""
-    white, felt = whitened(imu, course), signal(base, site)
-    drawn = np.concatenate(list(causes(imu, base, site).values()), axis=1)
+    white, felt = whitened(imu, course), signal(base, site, course.axis)
+    drawn = np.concatenate(list(causes(imu, base, site, course.axis).values()), axis=1)
     if free:
-        drawn = np.concatenate(
-            [drawn, np.broadcast_to(free_bias(), (len(base), 3, *drawn.shape[2:]))], axis=1
-        )
+        any_bias = np.repeat(free_bias(course.axis), len(base), axis=0)
+        drawn = np.concatenate([drawn, any_bias], axis=1)
     tilt = ANY_TILT * np.stack(felt.tilt, axis=1)
     N = white.columns(np.concatenate([tilt, drawn], axis=1))
     N = np.swapaxes(N[:, (N != 0).any(axis=(0, 2))], 1, 2)
@@ -149,8 +148,8 @@ def information(
 ) -> Information:
     """The information on q in a whole course on a base that leans by roll and pitch, rad.
 
-    free_bias : with a bias of unknown size on each gyro, as an estimator assumes that is not told
-    how large a bias can be.
+    free_bias : with a bias of unknown size on each gyro that the plate frees of it, as an estimator
+    assumes that is not told how large a bias can be.
     """
     base = euler_to_matrix(*lean, 0.0)[None]
     return _information(imu, course, site, base, free_bias)
@@ -283,7 +282,7 @@ def spread_of(
     base = euler_to_matrix(*lean, 0.0)[None]
     factor, B = factors(imu, course), patterns(imu, course)
     noise = np.einsum("kcn,cnm->kcm", weights, factor)
-    drawn = np.concatenate(list(causes(imu, base, site).values()), axis=1)[0]
+    drawn = np.concatenate(list(causes(imu, base, site, course.axis).values()), axis=1)[0]
     of_causes = np.einsum("kcn,nb,rcb->kr", weights, B, drawn, optimize=True)
     return np.asarray(np.einsum("icm,jcm->ij", noise, noise) + of_causes @ of_causes.T)
 
@@ -309,7 +308,8 @@ def budget(
         name: np.einsum("icn,cnm,jcm->ij", weights, C, weights, optimize=True)
         for name, C in within(imu, course).items()
     }
-    for name, drawn in causes(imu, euler_to_matrix(*lean, 0.0)[None], site).items():
+    base = euler_to_matrix(*lean, 0.0)[None]
+    for name, drawn in causes(imu, base, site, course.axis).items():
         of_cause = found.weights[0] @ white.columns(drawn[0]).T
         parts[name] = parts.get(name, 0.0) + of_cause @ of_cause.T
     rms = {k: np.sqrt(max(float(np.mean(np.sum((n @ v) * n, axis=1) * size**2)), 0.0))

@@ -122,7 +122,7 @@ def plain_weights(course: Course, site: Site, bias: bool) -> np.ndarray:
 
 
 def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 0.0) -> Estimate:
-    """The heading by `plain_weights`, and its sigma on the circle.
+    """The heading by `plain_weights` on a plate about down, and its sigma on the circle.
 
     The linear forms measure a rate whose size is known. Their covariance is that of the sensor's
     errors where its model is known. Else it is that of white noise as large as the residuals show,
@@ -143,18 +143,19 @@ def plain(part: Levelled, bias: bool, imu: ImuModel | None, bias_sigma: float = 
         spread = _block_variance(part, bias, weights, z)[:, None, None] * _unit_covariance(weights)
         if not bias:
             spread = spread + (bias_sigma / part.site.north) ** 2 * np.eye(2)
-    spread = _widened(z, spread + _motion_covariance(part, bias, imu, weights, z),
-                      _DOUBTED if imu is None else _CONTRADICTED)  # fmt: skip
+    spread = spread + _motion_covariance(part, bias, imu, weights, z)
+    spread = widened(z, spread, known=imu is not None)
     sigma = circle.posterior(*circle.measured(z, spread), heading).sigma
     return Estimate(wrap(heading), sigma, imu is None and bias_sigma == 0.0)
 
 
-def _widened(z: np.ndarray, spread: np.ndarray, sigmas: float) -> np.ndarray:
+def widened(z: np.ndarray, spread: np.ndarray, known: bool) -> np.ndarray:
     """Covariance, (V, 2, 2), of measurements z, (V, 2), of q, widened where they contradict it.
 
-    Where their length differs from one by more than so many sigmas, an error as large as that
-    difference is added in all directions.
+    Where their length differs from one by more than some sigmas, an error as large as that
+    difference is added in all directions. known : whether the covariance is the sensor's model's.
     """
+    sigmas = _CONTRADICTED if known else _DOUBTED
     length = np.linalg.norm(z, axis=1)
     n = z / np.maximum(length, 1e-300)[:, None]
     radial = np.sum((n[:, None] @ spread)[:, 0] * n, axis=1)
@@ -212,10 +213,10 @@ def _motion_covariance(
     window scatter far more than the sensor's model says, it is that of white noise of such scatter.
     A base that sways about one attitude averages out faster; one that turns on does not.
     """
-    groups, free = _groups(part.data.shape[2]), _degrees(part.data.shape[2], bias)
+    summed, free = groups(part.data.shape[2]), degrees(part.data.shape[2], bias)
     if imu is None or free <= 0:
         return np.zeros((len(z), 2, 2))
-    seen = np.sum((_residuals(part, bias, z) @ groups.T) ** 2, axis=(1, 2))
+    seen = np.sum((_residuals(part, bias, z) @ summed.T) ** 2, axis=(1, 2))
     leans, which = apart(part.base)
     most = np.array(
         [_largest_explained(imu, part.course, part.site, bias, *a) for a in leans.tolist()]
@@ -224,7 +225,7 @@ def _motion_covariance(
     return np.asarray(white[:, None, None] * _unit_covariance(weights))
 
 
-def _groups(n: int) -> np.ndarray:
+def groups(n: int) -> np.ndarray:
     """Matrix, (m, n), that sums n parts within m <= 8 consecutive groups, each divided by the root
     of its number, so that independent errors keep their variance."""
     of = np.array_split(np.arange(n), min(n, _EIGHTHS))
@@ -234,7 +235,7 @@ def _groups(n: int) -> np.ndarray:
     return matrix
 
 
-def _degrees(n: int, bias: bool) -> int:
+def degrees(n: int, bias: bool) -> int:
     """Degrees of freedom that the fit leaves to grouped residuals of n parts."""
     return 2 * min(n, _EIGHTHS) - 2 - 2 * bias
 
@@ -243,8 +244,8 @@ def _degrees(n: int, bias: bool) -> int:
 def _largest_explained(
     imu: ImuModel, course: Course, site: Site, bias: bool, roll: float, pitch: float
 ) -> float:
-    """The sum of squares of grouped residuals, (rad/s)^2, that the sensor's model exceeds once in
-    1e7: by Satterthwaite's chi-square, which has the sum's own mean and variance."""
+    """The sum of squares of grouped residuals, (rad/s)^2, that the sensor's model rarely
+    exceeds."""
     n = len(course.blocks)
     weights = plain_weights(course, site, bias)
     left = np.zeros((2, n, 4, n))
@@ -252,11 +253,16 @@ def _largest_explained(
     left -= np.einsum("ani,ibm->anbm", turn(course, site)[:2, :, :2], weights)
     if bias:
         left -= left.mean(axis=1, keepdims=True)
-    grouped = np.einsum("gn,anbm->agbm", _groups(n), left, optimize=True).reshape(-1, 4, n)
-    C = _covariance_of_forms(imu, course, site, grouped, roll, pitch)
+    grouped = np.einsum("gn,anbm->agbm", groups(n), left, optimize=True).reshape(-1, 4, n)
+    return explained(_covariance_of_forms(imu, course, site, grouped, roll, pitch))
+
+
+def explained(C: np.ndarray) -> float:
+    """The sum of squares of residuals of covariance C, (k, k), that is exceeded once in 1e7: by
+    Satterthwaite's chi-square, which has the sum's own mean and variance."""
     mean, square = float(np.trace(C)), float(np.sum(C**2))
-    degrees = mean**2 / square
-    return float(mean / degrees * chi2.isf(_RARELY, degrees))
+    free = mean**2 / square
+    return float(mean / free * chi2.isf(_RARELY, free))
 
 
 def _unit_covariance(weights: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ stands still in the axes of the plate's base, Earth's rate or gravity, is felt t
 
 import numpy as np
 
-from lbgc.frames import euler_to_matrix, level, turned
+from lbgc.frames import DOWN, euler_to_matrix, level, turned
 
 _RESTS = np.deg2rad(1e-4)
 """Travel from block to block, rad, below which the plate rests."""
@@ -59,8 +59,8 @@ def mean_turn(angle: np.ndarray, travel: np.ndarray) -> np.ndarray:
 
 
 def on_plate(vector: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Vectors in the base's axes, (W, 1 or n, 3), averaged in axes that turn with the plate,
-    (W, n, 3).
+    """Vectors in the base's axes, (W, 1 or n, 3), averaged in axes that turn with a plate about
+    down, (W, n, 3).
 
     turn : (W, n), complex, see `mean_turn`."""
     c, s = turn.real, turn.imag
@@ -82,12 +82,12 @@ def mean_angle(reading: np.ndarray, rate_hz: float, sample_s: float | None) -> n
     return np.asarray(reading - sample_s * rate_hz / 2 * travel_within(reading))
 
 
-def tilt_of(angle: np.ndarray, accel: np.ndarray) -> np.ndarray:
+def tilt_of(angle: np.ndarray, accel: np.ndarray, axis: int = DOWN) -> np.ndarray:
     """Rotation from the base's axes to level ones, (W, 3, 3), by the mean specific force.
 
     angle : (W, n or 1), rad, the plate's; accel : (W, n, 3), m/s^2, specific force in the body's
-    axes, NaN where nothing was recorded."""
-    force = turned(accel, angle)
+    axes, NaN where nothing was recorded; axis : about which the plate turns."""
+    force = turned(accel, angle, axis)
     none = np.isnan(force)
     if none.any():
         seen = np.maximum(np.sum(~none, axis=1), 1)

@@ -14,6 +14,7 @@ import numpy as np
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravities
+from lbgc.frames import DOWN, across
 from lbgc.sensor.errors import FIELD, FORCE, ONE, TRUTH
 from lbgc.sensor.imu import ImuModel, Triad
 
@@ -52,12 +53,19 @@ class When:
     """(W,), rad"""
     gravity: np.ndarray
     """(W,), m/s^2"""
+    axis: int = DOWN
+    """The body's axis about which the plate turns"""
+
+    @property
+    def about_level(self) -> bool:
+        """Whether the plate turns about a level axis."""
+        return self.axis != DOWN
 
     @classmethod
     def of(cls, windows: Windows) -> "When":
         """The times and places of these windows, gravity being the normal one there."""
         gravity = normal_gravities(windows.latitude)
-        return cls(windows.duration_s, windows.start_s, windows.latitude, gravity)
+        return cls(windows.duration_s, windows.start_s, windows.latitude, gravity, windows.axis)
 
 
 def of_gyro(
@@ -67,8 +75,9 @@ def of_gyro(
     warming_bias: bool = True,
     at_rest: bool = True,
 ) -> Drift:
-    """The gyros' reduced model. It leaves out each gyro's error by the rate about z, which follows
-    the plate's rate and is a state of its own (see `turning`).
+    """The gyros' reduced model. It leaves out each gyro's error by the plate's rate, which is a
+    state of its own (see `turning`), and about a level axis what turns with the plate (see
+    `turned_with_plate`).
 
     processes, warming_bias : whether first-order processes, and biases that grow with the
     temperature, are part of it. Callers that model these exactly leave them out. at_rest : whether
@@ -81,6 +90,8 @@ def of_gyro(
         for kind, (size, vertical) in _standing(imu, when).items()
     }
     felt[FORCE] = _mean_square_down(when.gravity)
+    if when.about_level:
+        felt = _along_axis(imu, when)
     return _drift(imu, imu.gyro, when, felt, _LEAST[0], processes, warming_bias)
 
 
@@ -122,8 +133,41 @@ def _horizontal(size: np.ndarray) -> np.ndarray:
 
 def of_accel(imu: ImuModel, when: When, processes: bool = True) -> Drift:
     """The accelerometers' reduced model; processes : as for `of_gyro`."""
-    down = _mean_square_down(when.gravity)
+    down = _mean_square_down(when.gravity) * (not when.about_level)
     return _drift(imu, imu.accel, when, {TRUTH: down, FORCE: down}, _LEAST[1], processes, True)
+
+
+def _along_axis(imu: ImuModel, when: When) -> dict[str, np.ndarray]:
+    """Mean squares, (W, 3), of the vectors that gyros' errors follow, along a level axis of the
+    plate, where they make a constant: by kind."""
+    along = np.eye(3)[when.axis]
+    found = {k: size[:, None] ** 2 / 2 * along for k, (size, _) in _standing(imu, when).items()}
+    return found | {FORCE: np.zeros((len(when.gravity), 3))}
+
+
+def turned_with_plate(imu: ImuModel, when: When) -> np.ndarray:
+    """Variances, (4, W, 3), of the gyros' errors that follow the cosine and the sine of the angle
+    of a plate about a level axis, and of the accelerometers': what follows a vector that stands
+    still on Earth turns with the plate there."""
+    gravity = _mean_square_down(when.gravity)
+    down = {TRUTH: EARTH_RATE * np.sin(when.latitude), FIELD: imu.field_ned[2]}
+    standing = {
+        kind: _horizontal(size) + _mean_square_down(down[kind] + 0 * size)
+        for kind, (size, _) in _standing(imu, when).items()
+    }
+    middle = imu.warming.rise_at(when.start_s + when.duration_s / 2)[:, None] ** 2
+    found, (i, j) = np.zeros((4, len(when.gravity), 3)), across(when.axis)
+    for first, triad, felt in (
+        (0, imu.gyro, standing | {FORCE: gravity}),
+        (2, imu.accel, {TRUTH: gravity, FORCE: gravity}),
+    ):
+        for error in (e for e in triad.drawn if e.follows in felt):
+            v, share = felt[error.follows], middle if error.warms else 1.0
+            one, other = np.square(error.sigma[:, [i, j]]).T
+            # What is felt along i and j is v_i cos + v_j sin, and v_j cos - v_i sin.
+            found[first] += share * (np.outer(v[:, i], one) + np.outer(v[:, j], other))
+            found[first + 1] += share * (np.outer(v[:, j], one) + np.outer(v[:, i], other))
+    return found
 
 
 def _mean_square_down(size: np.ndarray) -> np.ndarray:
@@ -132,10 +176,11 @@ def _mean_square_down(size: np.ndarray) -> np.ndarray:
 
 
 def turning(imu: ImuModel, when: When) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of each gyro's error by the rate about z, that is of misalignment towards z and of
-    z's scale factor: at each window's start, (W, 3), and its increase a second as they warm,
-    (W, 3), 1/s."""
-    steady, by_kelvin = (imu.gyro.variance(TRUTH, warms)[:, 2] for warms in (False, True))
+    """Variance of each gyro's error by the plate's rate, that is of misalignment towards its axis
+    and of that axis' scale factor: at each window's start, (W, 3), and its increase a second as
+    they warm, (W, 3), 1/s."""
+    axis = when.axis
+    steady, by_kelvin = (imu.gyro.variance(TRUTH, warms)[:, axis] for warms in (False, True))
     warm, warmer = (imu.warming.rise_at(when.start_s + t) for t in (0.0, when.duration_s))
     walk = np.outer((warmer - warm) ** 2 / when.duration_s, by_kelvin)
     return steady + np.outer(warm**2, by_kelvin), walk

@@ -5,7 +5,8 @@ unknowns, weighted by the covariance of the sensor's errors). All work in both h
 base that leans by up to 10 degrees. The plain ones need no latitude for the heading, and pay for
 it: on a lean they level the vertical gyro's errors into the horizontal rates, where no turn of the
 plate tells them from north. The weighted ones know Earth's vertical rate by the latitude, and take
-each slew's mean as well, where it fits the sensor's model.
+each slew's mean as well, where it fits the sensor's model. About a level axis both take the gyro
+along it as it is, by the size of its bias (see lbgc.estimators.level_axis).
 """
 
 from collections.abc import Callable
@@ -15,8 +16,9 @@ import numpy as np
 from lbgc.data.windows import Windows
 from lbgc.estimators.block_means import Course, Levelled
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.least_squares import answer, needs_model, plain, weighted
-from lbgc.frames import wrap
+from lbgc.estimators.least_squares import answer, needs_model, weighted
+from lbgc.estimators.level_axis import plain
+from lbgc.frames import AXES, DOWN, wrap
 from lbgc.sensor.imu import ImuModel
 
 _SAME = np.deg2rad(1.0)
@@ -82,6 +84,11 @@ def _estimator(
         if weigh:
             own = part.only(chosen | part.course.slewing)
             return weighted(name, own, needs_model(name, imu), True, checked)
+        level = part.course.axis != DOWN
+        if level and imu is None:
+            what = f"is not known: the gyro {AXES[part.course.axis]}, about which the plate turns, "
+            what += "keeps its bias, and only the bias's size tells how far to trust it; give one "
+            raise refusal(name, "imu", "", what + "of conf/imu, or fit yours (python lbgc/fit.py)")
         return plain(part.only(chosen), True, imu)
 
     return answer(windows, imu, each, name)

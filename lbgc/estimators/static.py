@@ -10,9 +10,10 @@ from lbgc.earth import earth_rate_ned
 from lbgc.estimators.block_means import levelled
 from lbgc.estimators.error_patterns import timeless
 from lbgc.estimators.estimate import Estimate, refusal
-from lbgc.estimators.least_squares import answer, check, needs_model, plain, weighted
+from lbgc.estimators.least_squares import answer, check, needs_model, weighted
 from lbgc.estimators.level import gyrocompass
-from lbgc.frames import level, matrix_to_euler, wrap
+from lbgc.estimators.level_axis import plain
+from lbgc.frames import DOWN, level, matrix_to_euler, turned, wrap
 from lbgc.sensor.imu import ImuModel
 
 _MOVED = np.deg2rad(0.01)
@@ -31,8 +32,8 @@ def mean(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 0
     Raises InputError where the plate turns within a window: the mean rate is then not Earth's.
     """
     _at_rest("mean", windows)
-    heading = gyrocompass(mean_along(windows.gyro, 1), *level(mean_along(windows.accel, 1)))
-    heading = wrap(heading - windows.plate_angle.mean(axis=1))
+    rate, force, angle = _means(windows)
+    heading = wrap(gyrocompass(rate, *level(force)) - angle)
     return _with_sigma(heading, windows, imu, bias_sigma)
 
 
@@ -45,11 +46,11 @@ def triad(windows: Windows, imu: ImuModel | None = None, *, bias_sigma: float = 
     """
     check("triad", windows)
     _at_rest("triad", windows)
-    force, rate = mean_along(windows.accel, 1), mean_along(windows.gyro, 1)
+    rate, force, angle = _means(windows)
     body = _triad(force, rate)
     up = np.broadcast_to([0.0, 0.0, -1.0], force.shape)
     c_nb = _triad(up, earth_rate_ned(windows.latitude)) @ np.swapaxes(body, -1, -2)
-    heading = wrap(matrix_to_euler(c_nb)[2] - windows.plate_angle.mean(axis=1))
+    heading = wrap(matrix_to_euler(c_nb)[2] - angle)
     return _with_sigma(heading, windows, imu, bias_sigma)
 
 
@@ -62,6 +63,19 @@ def gls(windows: Windows, imu: ImuModel | None = None, *, checked: bool = True) 
     """
     model = needs_model("gls", imu)
     return answer(windows, model, lambda part: weighted("gls", part, model, False, checked), "gls")
+
+
+def _means(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean rate, (W, 3), rad/s, and mean force, (W, 3), m/s^2, and the angle, (W,), rad, by which
+    the heading of their axes is that of the plate at zero and more. They are in the body's axes
+    where the plate turns about down; else the plate may lie on its side, and they are turned back.
+    """
+    rate, force = mean_along(windows.gyro, 1), mean_along(windows.accel, 1)
+    angle = windows.plate_angle.mean(axis=1)
+    if windows.axis == DOWN:
+        return rate, force, angle
+    rate, force = (turned(own, angle, windows.axis) for own in (rate, force))
+    return rate, force, 0 * angle
 
 
 def _at_rest(name: str, windows: Windows) -> None:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from lbgc.errors import require, require_positive
+from lbgc.frames import AXES as AXES
 from lbgc.outputs import LONGEST, shown
 from lbgc.sensor import stand_in
 from lbgc.sensor.datasheet import ImuConfig
@@ -15,7 +16,6 @@ from lbgc.sensor.imu import ImuModel, Triad
 from lbgc.sensor.stand_in import Figures, Slow
 
 PARTS = ("gyro", "accel")
-AXES = ("forward", "right", "down")
 LONGEST_S = 3600.0
 """Averaging time, s, up to which stand-ins are chosen and compared, unless another is said."""
 _LEAST_OCTAVES = 4
@@ -96,7 +96,12 @@ class Subject:
             f"{shown(self.config.name)}, by lbgc, for {tool}; samples at {self.rate_hz:g} Hz, SI "
             "units; x, y, z are forward, right, down"
         ]
-        more = (*warnings(self.model, self.dt), *self.doubts)
+        quiet = [
+            f"{part}: stated without noise, as if it had none: its zeros are no measurement"
+            for part in PARTS
+            if not self.triad(part).allan_variance(self.octaves, self.dt).any()
+        ]
+        more = (*warnings(self.model, self.dt), *quiet, *self.doubts)
         return lines + [shown(line, 4 * LONGEST) for line in more]
 
     def agreement(self, part: str, figures: Sequence[Figures] | Figures) -> list[str]:

@@ -11,7 +11,7 @@ import torch
 
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError, build, reading
-from lbgc.estimators.estimate import Estimate
+from lbgc.estimators.estimate import Estimate, require_down
 from lbgc.frames import wrap
 from lbgc.learning import description, tensors
 from lbgc.learning.model import HeadingNet, ModelConfig, make, von_mises_sigma
@@ -74,6 +74,7 @@ class Learned:
         Raises InputError where the windows' rate is no whole multiple of the model's, where they
         are too short, or where a value is not finite or a sensor's axis does not change at all.
         """
+        require_down(self.name, windows)
         if windows.duration_s < SHORTEST_WINDOW_S - 1 / windows.rate_hz:
             raise InputError(
                 "a window",

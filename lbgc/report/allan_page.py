@@ -83,11 +83,13 @@ def _settled(data: AllanData, fits: Sequence[Fit], taus: np.ndarray) -> np.ndarr
     if len(data.series) > 1 or not any(courses):
         return None
     edges = data.dt * np.arange(data.series.shape[1] + 1)
-    out = np.zeros(data.series.shape[1:])
+    found = []
     for axis, own in enumerate(courses):
+        rest = np.array(data.series[:, :, axis, None])
         for course in own:
-            out[:, axis] += course.means(edges)
-    return overlapping_deviation(data.series - out, data.dt, taus)
+            rest -= course.means(edges)[:, None]
+        found.append(overlapping_deviation(rest, data.dt, taus)[0])
+    return np.array(found)
 
 
 def _with_terms(
@@ -182,7 +184,8 @@ def _as_the_paper(
     snr.set(title="SNR of the sample mean", xlabel="averaging time, s", ylabel="dB")
     series = data.series[0]
     at = np.unique(np.geomspace(1, len(series), 400).astype(int))
-    means = np.cumsum(series, axis=0)[at - 1] / at[:, None]
+    sums = np.add.reduceat(series[: at[-1]], np.append(0, at[:-1]), axis=0)
+    means = np.cumsum(sums, axis=0) / at[:, None]
     norm = np.linalg.norm(means, axis=1) / scale
     spread = np.sqrt(3) * white / np.sqrt(at * data.dt) / scale
     running.fill_between(at * data.dt, norm - spread, norm + spread, alpha=0.2)

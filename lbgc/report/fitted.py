@@ -70,10 +70,13 @@ def scale_of(key: str) -> float:
 
 
 def report(static: Static, fits: dict[str, list[Fit]]) -> str:
-    """The results of all axes as text. fits : gyro and accel, with a fit for each axis."""
-    n = static.gyro.shape[1] * static.dt
-    lines = [f"{static.name}: {len(static.gyro)} recording(s) of {n:g} s at {1 / static.dt:g} Hz"]
+    """The results of all axes as text. fits : with a fit for each axis of each triad."""
+    count, samples = static.shape
+    n = samples * static.dt
+    lines = [f"{static.name}: {count} recording(s) of {n:g} s at {1 / static.dt:g} Hz"]
     for which, part in enumerate(("gyro", "accel")):
+        if part not in static.triads:
+            continue
         for axis, fit in zip(AXES, fits[part], strict=True):
             lines.append(f"{part} {axis}")
             for name, e in every_estimate(fit).items():

@@ -17,6 +17,7 @@ from lbgc.units import factor, unit_of
 
 _PER_K = ("bias_per_k_deg_per_h_per_k", "bias_per_k_ug_per_k")
 _COUNT = ("rate_lsb_deg_per_s", "lsb_ug")
+_NAMES = {"gyro": "gyros", "accel": "accelerometers"}
 _BIAS = ("bias_run_deg_per_h", "bias_run_mg")
 
 
@@ -43,7 +44,7 @@ def beside(
     where they are to be stated; warmth : what the recordings' own temperature told. Then a warm-up
     has no line: whatever is left of one did not follow that temperature."""
     time = None if warmth else _common_time(fits)
-    top = []
+    assumed = []
     if sizes:
         said = " and ".join(
             f"{part} bias of {number(sizes[part].value / factor(key))} {unit_of(key)}"
@@ -51,7 +52,10 @@ def beside(
             if part in sizes
         )
         about = "1 sigma, from the mean of one recording, which cannot say how long a bias lasts"
-        top.append(f'assumed: "{said}: {about}"')
+        assumed.append(f"{said}: {about}")
+    assumed += [f"its {_NAMES[part]} were not measured and have no errors here"
+                for part in PARTS if part not in fits]  # fmt: skip
+    top = [f'assumed: "{"; ".join(assumed)}"'] if assumed else []
     if time is not None:
         top += ["temperature:", "  rise_k: 1  # so that biases per K are what warms away"]
         top.append(f"  time_s: {number(time)}")
@@ -127,18 +131,34 @@ def _bias(size: BiasSize, which: int) -> list[str]:
     return [f"  {_BIAS[which]}: {number(value)}  # assumed; {low:.3g}..{high:.3g}"]
 
 
-def bias_sizes(static: Static, fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:
-    """Sizes of both triads' biases by the first recording's mean. Where it is the only recording,
-    exponential changes of the mean are subtracted first."""
-    seconds = static.gyro.shape[1] * static.dt
-    mean = {part: getattr(static, part)[0].mean(axis=0) for part in PARTS}
-    for part in PARTS:
-        for axis, fit in enumerate(fits[part]):
-            passing = [c for c in fit.courses if c.kind in ("decay", "rise")]
-            if len(static.gyro) == 1:
-                whole = np.array([0.0, seconds])
+def bias_sizes(statics: Sequence[Static], fits: dict[str, list[Fit]]) -> dict[str, BiasSize]:
+    """Sizes of the triads' biases by the first recording's means; none where the latitude is not
+    known, since Earth's rate and gravity are not. Where it is the only recording, exponential
+    changes of the mean are subtracted first. Without accelerometers the gyros' mean tells as much
+    as Earth's rate, of any direction, leaves."""
+    mean: dict[str, np.ndarray] = {}
+    if not np.isfinite(statics[0].latitude):
+        return {}
+    for static in statics:
+        count, samples = static.shape
+        for part, values in static.triads.items():
+            mean[part] = values[0].mean(axis=0)
+            for axis, fit in enumerate(fits[part] if count == 1 else ()):
+                passing = [c for c in fit.courses if c.kind in ("decay", "rise")]
+                whole = np.array([0.0, samples * static.dt])
                 mean[part][axis] -= sum(float(c.means(whole)[0]) for c in passing)
-    error = max(bias_size.mean_error(fit.terms(), seconds) for fit in fits["gyro"])
-    heading = None if static.heading is None else float(static.heading[0])
-    gyro = bias_size.of_gyro(mean["gyro"], mean["accel"], static.latitude, heading, error)
-    return {"gyro": gyro, "accel": bias_size.of_accel(mean["accel"], static.latitude)}
+    first, latitude = statics[0], statics[0].latitude
+    sizes = {}
+    if "gyro" in mean:
+        seconds = first.shape[1] * first.dt
+        error = max(bias_size.mean_error(fit.terms(), seconds) for fit in fits["gyro"])
+        heading = None if first.heading is None else float(first.heading[0])
+        known = "accel" in mean
+        sizes["gyro"] = (
+            bias_size.of_gyro(mean["gyro"], mean["accel"], latitude, heading, error)
+            if known
+            else bias_size.of_gyro_alone(mean["gyro"], error)
+        )
+    if "accel" in mean:
+        sizes["accel"] = bias_size.of_accel(mean["accel"], latitude)
+    return sizes

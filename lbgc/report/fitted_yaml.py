@@ -1,7 +1,7 @@
 """The fitted sensor as a YAML file of the form of `conf/imu/`."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from lbgc.units import factor
 
 def sensor_yaml(
     name: str,
-    static: Static,
+    statics: Sequence[Static],
     fits: dict[str, list[Fit]],
     calibration: Calibration | None = None,
     sizes: dict[str, BiasSize] | None = None,
@@ -28,18 +28,27 @@ def sensor_yaml(
     """The content of the fitted sensor's YAML file; parameters that cannot be told from zero are
     zero there.
 
-    name : the sensor's; calibration : of the gyros, where the recordings allow one; sizes : of the
-    biases of gyro and accel, where a mean alone tells them; warmth : what temperature told.
+    name : the sensor's; statics : the recordings, one for each clock; calibration : of the gyros,
+    where the recordings allow one; sizes : of the biases of gyro and accel, where a mean alone
+    tells them; warmth : what temperature told. A triad that was not recorded has no errors here,
+    which `assumed` says wherever the sensor is used.
     """
-    seconds = static.gyro.shape[1] * static.dt
     about = [
-        f"# Fitted by lbgc to {static.name}: {len(static.gyro)} x {seconds:g} s at "
-        f"{1 / static.dt:g} Hz.",
+        *(
+            f"# Fitted by lbgc to {own.name}{_whose(own, statics)}: {own.shape[0]} x "
+            f"{own.shape[1] * own.dt:g} s at {1 / own.dt:g} Hz."
+            for own in statics
+        ),
         "# Each line: forward, right, down; 95% intervals behind. What the log cannot tell from",
         "# zero is zero, with its 95% upper limit behind. A single recording tells biases by its",
         "# mean alone, and not how long they last: recordings with known headings do.",
     ]
     return _yaml(name, about, fits, beside(fits, sizes, warmth), calibration)
+
+
+def _whose(own: Static, statics: Sequence[Static]) -> str:
+    """Whose samples a recording has, where there are several clocks."""
+    return f", its {' and '.join(own.triads)}" if len(statics) > 1 else ""
 
 
 def curve_yaml(name: str, of: str, fits: dict[str, list[Fit]]) -> str:

@@ -2,6 +2,7 @@
 
 import shlex
 from dataclasses import asdict
+from typing import TypeAlias
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from lbgc.data.logconfig import LogConfig
 from lbgc.data.looking.doctor import Look
 from lbgc.data.looking.sensor import least_bias
 from lbgc.data.record import Record
+from lbgc.data.rests import rests
 from lbgc.earth import EARTH_RATE
 from lbgc.outputs import as_json, shown
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
@@ -20,10 +22,13 @@ _CANNOT_DEG = 60.0
 """Expected error, degrees, above which north is not found; by chance it is 104."""
 _ROWS = 3_600_000
 """Means of samples by which Allan deviations are computed, at most."""
+Deviations: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI"""
 
 
-def report(look: Look) -> str:
-    """What the file is, the guesses with their reasons and doubts, and what its sensor is worth."""
+def report(look: Look, found: Deviations | None) -> str:
+    """What the file is, the guesses with their reasons and doubts, and what its sensor is worth.
+    found : its Allan deviations, where it could be read."""
     lines = [f"{shown(look.path)}"]
     lines += [f"  {fact}" for fact in dict.fromkeys(look.facts)]
     for guess in look.guesses:
@@ -31,16 +36,19 @@ def report(look: Look) -> str:
             lines.append(f"  log.{guess.key}={guess.written}: {guess.why}")
             lines += [f"    but: {guess.doubt}"] if guess.doubt else []
     lines += [f"  {note}" for note in look.notes if note not in look.facts]
-    if look.record is not None:
-        lines += [f"  {line}" for line in worth(look.record, "latitude" in look.keys)]
+    if look.record is not None and look.still is not None and found is not None:
+        if look.still is not look.record:
+            start = f"its plate turns over {np.ptp(look.record.plate_angle) / DEG:.4g} deg; "
+            lines.append(f"  {start}what follows is of its longest rest, {look.still.name}")
+        lines += [f"  {line}" for line in worth(look.still, found)]
     if look.refusal is not None:
         lines.append(f"  for a heading it would be refused: {look.refusal}")
     return "\n".join(lines)
 
 
-def deviations(record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI.
-    Those of a long recording are of its block means, which have the same at longer times."""
+def deviations(record: Record) -> Deviations:
+    """The Allan deviations of a recording. Those of a long one are of its block means, which have
+    the same at longer times."""
     size = -(-len(record.gyro) // _ROWS)
     dt, count = size / record.rate_hz, len(record.gyro) // size
     taus = octave_taus(count, dt)
@@ -53,12 +61,10 @@ def deviations(record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return taus, gyro, accel
 
 
-def worth(record: Record, placed: bool) -> list[str]:
-    """Sentences on the sensor's noise and bias, and on whether north can be seen with them.
-
-    placed : whether the latitude is known.
-    """
-    taus, gyro, accel = deviations(record)
+def worth(record: Record, found: Deviations) -> list[str]:
+    """Sentences on the sensor's noise and bias, and on whether north can be seen with them. found :
+    the recording's Allan deviations."""
+    taus, gyro, accel = found
     at = int(np.argmin(np.abs(taus - 1.0)))
     walk = gyro[:, at] * np.sqrt(taus[at])
     arw, vrw = walk / DEG * 60, accel[:, at] * np.sqrt(taus[at]) * 60
@@ -80,7 +86,7 @@ def worth(record: Record, placed: bool) -> list[str]:
             f"a fit of the bias instability needs ten times its {longest:.3g} s: "
             f"{10 * longest / HOUR:.2g} hours, and better more"
         )
-    if not placed:
+    if not np.isfinite(record.latitude):
         return lines
     horizontal = EARTH_RATE * np.cos(record.latitude)
     seconds = min(_WINDOW_S, record.duration_s)
@@ -141,7 +147,14 @@ def description(look: Look, first: str) -> str:
 def commands(look: Look, out: str, name: str) -> str:
     """The commands that use the description."""
     options = f"--config-dir {shlex.quote(out)} log={name}"
-    lines = ["use it:", f"python lbgc/fit.py {options} name={name}_sensor"]
+    still, record = "", look.record
+    if record is not None and look.still is not record:  # noise is fitted to a rest
+        own = max(rests(record), key=lambda rest: rest.samples.stop - rest.samples.start)
+        first, last = (row / record.rate_hz for row in (own.samples.start, own.samples.stop))
+        gone = " ".join(f"log.{key}=null" for key in ("plate_column", "positions")
+                        if look.keys.get(key) is not None)  # fmt: skip
+        still = f" {gone} log.from_s={first:.10g} log.to_s={last:.10g}"
+    lines = ["use it:", f"python lbgc/fit.py {options}{still} name={name}_sensor"]
     if look.is_sure:
         lines.append(f"python lbgc/evaluate.py {options}")
     return "\n".join(lines)

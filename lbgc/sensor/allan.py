@@ -1,9 +1,12 @@
-"""Allan analysis of recordings; the deviations themselves are computed by allantools."""
+"""Allan analysis of recordings; the confidence of deviations is computed by allantools."""
 
 from collections.abc import Iterable
 
 import allantools
 import numpy as np
+
+_AT_ONCE = 2**16
+"""Samples that are differenced at once."""
 
 
 def octave_taus(n: int, dt: float, most: float = 0.25) -> np.ndarray:
@@ -17,20 +20,36 @@ def overlapping_deviation(rates: Iterable[np.ndarray], dt: float, taus: np.ndarr
 
     rates : R recordings of A axes, each (n, A), rad/s or m/s^2, as one array or one after the
     other; dt : s; taus : (K,), s, each a whole multiple of dt. Returns (A, K): the root of the
-    Allan variance's mean over the recordings.
+    Allan variance's mean over the recordings; NaN where they are too short.
 
     It is the deviation of IEEE Std 952; the paper's eq. 25 lacks that standard's factor 1/tau^2.
+    With the angle x, of n + 1 samples,
+
+        sigma^2(m dt) = mean over i of (x[i + 2m] - 2 x[i + m] + x[i])^2 / (2 m^2 dt^2).
     """
     variances = []
     for record in rates:
-        own = np.full((record.shape[1], len(taus)), np.nan)
-        for axis in range(record.shape[1]):
-            _, deviation, _, _ = allantools.oadev(
-                record[:, axis].astype(float), rate=1 / dt, data_type="freq", taus=taus
-            )
-            own[axis, : len(deviation)] = deviation**2
+        own = [_variances(record[:, axis], dt, taus) for axis in range(record.shape[1])]
         variances.append(own)
     return np.asarray(np.sqrt(np.mean(variances, axis=0)))
+
+
+def _variances(rate: np.ndarray, dt: float, taus: np.ndarray) -> np.ndarray:
+    """Overlapping Allan variances (K,) of one axis's samples (n,)."""
+    x = np.empty(len(rate) + 1)
+    x[0] = 0.0
+    np.cumsum(rate, out=x[1:])
+    found = np.full(len(taus), np.nan)
+    for k, m in enumerate(np.round(taus / dt).astype(int)):
+        count, total = len(x) - 2 * m, 0.0
+        if count < 1:
+            continue
+        for first in range(0, count, _AT_ONCE):
+            last = min(first + _AT_ONCE, count)
+            bend = x[first + 2 * m : last + 2 * m] - 2 * x[first + m : last + m] + x[first:last]
+            total += float(bend @ bend)
+        found[k] = total / count / (2 * m**2)
+    return found
 
 
 def confidence_band(

@@ -21,6 +21,7 @@ from lbgc.data.checks.triads import (
     motions,
 )
 from lbgc.data.checks.turns import (
+    axis_finding,
     bias_note,
     is_told,
     level_finding,
@@ -31,7 +32,15 @@ from lbgc.data.checks.turns import (
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.data.rests import rests
+from lbgc.frames import DOWN
 from lbgc.sensor.imu import ImuModel
+
+ANYWHERE = np.pi / 4
+"""Latitude of which gravity is taken to tell a unit, rad, where none is known."""
+_UNPLACED = (
+    "latitude: it is not known, so the mean rates were not compared with Earth's: units, frames "
+    "and biases are as they are described"
+)
 
 
 def checked(
@@ -45,6 +54,7 @@ def checked(
     """
     findings = _findings(record, config, imu, north)
     notes = [found.settled(config.accept) for found in findings]
+    notes += [] if np.isfinite(record.latitude) else [_UNPLACED]
     return replace(record, notes=(*record.notes, *notes, *_turned_notes(record, config, imu)))
 
 
@@ -68,10 +78,14 @@ def _resting_findings(
 ) -> Iterator[Finding]:
     """The findings on units, frames and biases by the means of a recording at rest."""
     rest = resting(record, config, imu)
-    force = force_finding(rest, config, record.rate_hz)
+    placed = np.isfinite(record.latitude)
+    anywhere = rest.latitude if placed else ANYWHERE
+    force = force_finding(rest.name, rest.force, anywhere, config, record.rate_hz)
     if force is not None:
         yield force
         return
+    if not placed:
+        return  # nothing is known of Earth's rate
     frames = Frames(rest, motions(record))
     crossed = frames_finding(frames, config, north)
     rate = None if crossed else rate_finding(rest, config, record.rate_hz, north)
@@ -113,23 +127,31 @@ def _turned_findings(
             first[one.check] = one
     yield from first.values()
     moved = (moved_finding(part, north, TURNED) for part in parts)
-    resting_part = resting(parts[0], config, imu)
+    level_part = found[0].level_of(record) if found else record
+    resting_part = resting(level_part, config, imu)
     felt = felt_finding(record, found, config, resting_part.limit)
     yield from (one for one in (felt, next(filter(None, moved), None)) if one is not None)
-    own = turning(record, found, imu)
+    own = turning(record, found, imu) if np.isfinite(record.latitude) else None
     if own is None:
-        yield from _resting_findings(parts[0], config, imu, north)
+        yield from _resting_findings(level_part, config, imu, north)
         return
+    sense, other = sense_finding(own, config), axis_finding(own, config)
+    if other is not None or (sense is not None and own.axis != DOWN):
+        yield from (one for one in (other or sense,) if one is not None)
+        return  # the mean force, of which all is told, is then wrong
     rest = own.resting(resting_part)
-    sense = sense_finding(own, config)
     fallen = None if sense else level_finding(own)
-    force = None if fallen else force_finding(rest, config, record.rate_hz)
+    force = (
+        None
+        if fallen
+        else force_finding(rest.name, rest.force, rest.latitude, config, record.rate_hz)
+    )
     if fallen is not None:
         yield fallen
     if force is not None:
         yield force
         return
-    frames = Frames(rest, motions(parts[0]) if found else [])
+    frames = Frames(rest, motions(level_part) if found else [])
     # The sense of a felt turn, or of Earth's rate in a right-handed frame, tells the gyros' signs
     # better than their vertical rate does, in which a bias may hide.
     told = is_told(own)
@@ -156,7 +178,8 @@ def _turned_notes(record: Record, config: LogConfig, imu: ImuModel | None) -> tu
     if not np.ptp(record.plate_angle) > PLATE:
         return ()
     found = rests(record)
-    own, late = turning(record, found, imu), late_note(record, found, config)
+    own = turning(record, found, imu) if np.isfinite(record.latitude) else None
+    late = late_note(record, found, config)
     notes = [] if own is None else [bias_note(own)]
     return (*notes, *([] if late is None else [late]))
 

@@ -11,6 +11,7 @@ from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.data.rests import Rest
 from lbgc.earth import EARTH_RATE
+from lbgc.frames import AXES, DOWN
 from lbgc.units import DEG
 
 _SHARE, _LEAST = 0.05, 2.0 * DEG
@@ -27,10 +28,11 @@ _LATE_S = 0.05
 """The least time, s, by which the angle's column must be late to be said to be."""
 
 
-def turned_by(rate: np.ndarray, at_rest: float, rate_hz: float) -> np.ndarray:
-    """The angle, rad, (n,), by which the down gyro has turned since a stretch's start, at its
-    samples' ends. rate : (n,), rad/s; at_rest : rad/s, what it reads at rest."""
-    return np.asarray(np.cumsum(rate - at_rest) / rate_hz)
+def turned_by(rate: np.ndarray, at_rest: np.ndarray, rate_hz: float) -> np.ndarray:
+    """The angles, rad, (n, 3), by which the gyros have turned since a stretch's start, each about
+    its axis alone, at its samples' ends. rate : (n, 3), rad/s; at_rest : (3,), rad/s, what they
+    read at rest."""
+    return np.asarray(np.cumsum(rate - at_rest, axis=0) / rate_hz)
 
 
 def agrees(felt: float, stated: float) -> bool:
@@ -39,27 +41,33 @@ def agrees(felt: float, stated: float) -> bool:
 
 
 def contradiction(
-    name: str,
+    record: Record,
     key: str,
     value: Any,
     when: tuple[float, float],
-    felt: float,
+    turns: np.ndarray,
     stated: float,
     turns_back: str,
     other_unit: str = "",
 ) -> Finding:
     """The finding that the gyros felt another turn than the stated one.
 
-    name : the recording's; key, value : what states the angle; when : s, the turn's start and end;
-    felt, stated : rad; turns_back : what to do where the plate turned the other way; other_unit :
-    where its angle is in the other unit.
+    key, value : what states the angle; when : s, the turn's start and end; turns : (3,), rad, about
+    each axis; stated : rad; turns_back : what to do where the plate turned the other way;
+    other_unit : where its angle is in the other unit.
     """
-    says = f"{name}: between {when[0]:.4g} and {when[1]:.4g} s the gyros turned by "
-    says += f"{felt / DEG:.4g} deg about the down axis, where the plate's angle says "
+    felt, axis = float(turns[record.axis]), AXES[record.axis]
+    says = f"{record.name}: between {when[0]:.4g} and {when[1]:.4g} s the gyros turned by "
+    says += f"{felt / DEG:.4g} deg about the {axis} axis, where the plate's angle says "
     says += f"{stated / DEG:.4g}"
     ratio = felt / stated if stated else 0.0
+    others = [k for k in range(3) if agrees(abs(turns[k]), abs(stated)) and abs(stated) > _TELLS]
     if abs(ratio + 1) < _NEAR:
-        says += f": the plate turned the other way, or the down axis points up; {turns_back}"
+        back = "up" if record.axis == DOWN else "back"
+        says += f": the plate turned the other way, or the {axis} axis points {back}; {turns_back}"
+    elif abs(felt) < abs(stated) / 2 and len(others) == 1:
+        own = AXES[others[0]]
+        says += f": it turned about the {own} axis; log.plate_axis={own}"
     elif other_unit and min(abs(ratio * DEG - 1), abs(ratio / DEG - 1)) < _NEAR:
         says += f": the angle's unit is another; {other_unit}"
     elif abs(felt) < _LEAST:
@@ -70,8 +78,8 @@ def contradiction(
 
 
 def is_felt(record: Record, found: Sequence[Rest], config: LogConfig) -> bool:
-    """Whether the gyros have felt the plate turn, and in which sense, so that their down axis is
-    known to be its. found : the recording's rests."""
+    """Whether the gyros have felt the plate turn, and in which sense, so that their axis is known
+    to be its. found : the recording's rests."""
     if config.plate_column is None and config.positions is None:
         return False
     for before, after in pairwise(found):
@@ -96,27 +104,34 @@ def felt_finding(
     turns = []
     for before, after in pairwise(found):
         first, last = before.samples.stop, after.samples.start
-        rate = record.gyro[first:last, 2]
-        rest = (record.gyro[before.samples, 2].mean() + record.gyro[after.samples, 2].mean()) / 2
-        felt = float(np.sum(rate - rest)) / record.rate_hz
-        turns.append((first, last, felt, after.angle - before.angle))
+        felt = np.sum(record.gyro[first:last] - _at_rest(record, before, after), axis=0)
+        turns.append((first, last, felt / record.rate_hz, after.angle - before.angle))
     if not found:
-        earth = -EARTH_RATE * np.sin(record.latitude)
-        felt = float(np.sum(record.gyro[1:, 2] - earth)) / record.rate_hz
+        vertical = EARTH_RATE * np.sin(record.latitude) if np.isfinite(record.latitude) else 0.0
+        earth = np.array([0.0, 0.0, -vertical])
+        felt = np.sum(record.gyro[1:] - earth, axis=0) / record.rate_hz
         stated = float(record.plate_angle[-1] - record.plate_angle[0])
-        if abs(felt - stated) <= max(_CAROUSEL * abs(stated), bias * record.duration_s):
+        allowed = max(_CAROUSEL * abs(stated), bias * record.duration_s)
+        if abs(felt[record.axis] - stated) <= allowed:
             return None
         turns = [(0, len(record.gyro), felt, stated)]
-    wrong = [turn for turn in turns if not agrees(*turn[2:])]
+    own = record.axis
+    wrong = [turn for turn in turns if not agrees(float(turn[2][own]), turn[3])]
     if not wrong:
         return None
-    first, last, felt, stated = max(wrong, key=lambda turn: abs(turn[2] - turn[3]))
+    first, last, felt, stated = max(wrong, key=lambda turn: abs(turn[2][own] - turn[3]))
     when = first / record.rate_hz, last / record.rate_hz
     other = "deg" if config.plate_unit == "rad" else "rad"
     return contradiction(
-        record.name, "log.plate_column", config.plate_column, when, felt, stated,
+        record, "log.plate_column", config.plate_column, when, felt, stated,
         f"log.plate_scale={-config.plate_scale:g}", f"log.plate_unit={other}",
     )  # fmt: skip
+
+
+def _at_rest(record: Record, before: Rest, after: Rest) -> np.ndarray:
+    """What the gyros read at rest before and after a turn, (3,), rad/s."""
+    each = (record.gyro[rest.samples].mean(axis=0) for rest in (before, after))
+    return np.asarray(sum(each) / 2)
 
 
 def late_note(record: Record, found: Sequence[Rest], config: LogConfig) -> str | None:
@@ -128,9 +143,8 @@ def late_note(record: Record, found: Sequence[Rest], config: LogConfig) -> str |
     area, weight = 0.0, 0.0
     for before, after in pairwise(found):
         between = slice(before.samples.stop, after.samples.start)
-        by, rate = after.angle - before.angle, record.gyro[between, 2]
-        rest = (record.gyro[before.samples, 2].mean() + record.gyro[after.samples, 2].mean()) / 2
-        course = turned_by(rate, float(rest), record.rate_hz)
+        by, rest = after.angle - before.angle, _at_rest(record, before, after)
+        course = turned_by(record.gyro[between], rest, record.rate_hz)[:, record.axis]
         if len(course) == 0 or not course[-1] or not agrees(float(course[-1]), by):
             continue
         apart = course * (by / course[-1]) - (record.plate_angle[between] - before.angle)

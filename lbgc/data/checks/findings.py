@@ -22,6 +22,7 @@ CHECKS = (
     "vertical",
     "forward",
     "mirrored",
+    "mixed",
 )
 """The names of the checks, by which a log's `accept` overrides them."""
 

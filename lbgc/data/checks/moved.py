@@ -3,7 +3,7 @@
 import numpy as np
 
 from lbgc.data.checks.findings import Finding
-from lbgc.data.record import Record
+from lbgc.data.record import Record, TriadRecord
 from lbgc.data.static import AXES
 from lbgc.units import DEG
 
@@ -30,15 +30,16 @@ TURNED = "the plate's angle says that it rests there"
 """Why a turn is a fault: in a log without angles, and in one that has them."""
 
 
-def moved_finding(record: Record, north: bool, why: str = UNTURNED) -> Finding | None:
+def moved_finding(record: Record | TriadRecord, north: bool, why: str = UNTURNED) -> Finding | None:
     """The finding that the recording was turned by more than 3 degrees at more than 0.5 deg/s, far
     more than it turns otherwise. None where it was not, or where the encoder shows that the plate
     turns. why : the reason for which this is a fault."""
+    gyro = record.triads["gyro"]
     size = max(1, round(_BLOCK_S * record.rate_hz))
-    n = len(record.gyro) // size
+    n = len(gyro) // size
     if n < 8 or np.ptp(record.plate_angle) > PLATE:
         return None
-    means = record.gyro[: n * size].reshape(n, size, 3).mean(axis=1, dtype=float)
+    means = gyro[: n * size].reshape(n, size, 3).mean(axis=1, dtype=float)
     off = means - np.median(means, axis=0)
     step = size / record.rate_hz
     angle = np.vstack([np.zeros(3), np.cumsum(off, axis=0)]) * step

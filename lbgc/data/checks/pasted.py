@@ -1,8 +1,11 @@
 """Detection of stretches of a recording that occur in it twice, equal to the last digit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from lbgc.data.readers.blocks import ROWS, blocks
 
 _ODD = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9,
@@ -21,6 +24,9 @@ _SOME = 50_000
 """Rows, about, from which the frequencies of a channel's values are taken."""
 _BY_CHANCE = 20
 """Stretches of a length that chance may leave. Chance never reaches four times that length."""
+_GROUPS, _AT_ONCE = 32, 2**16
+"""Groups of windows that are put in order by themselves in a long recording; and rows that are
+hashed at once."""
 _TIMES_CHANCE = 4
 """That factor of length."""
 
@@ -37,18 +43,19 @@ class Pasted:
     """Number of rows"""
 
 
-def pasted(values: np.ndarray) -> list[Pasted]:
+def pasted(*parts: np.ndarray) -> list[Pasted]:
     """The stretches of a recording that repeat an earlier one, longest first.
 
-    values : (T, C). A stretch must be so long that it is not repeated by chance: rows of coarse
-    counts are equal more often than others, and counts that carry their remainder over nearly
-    repeat themselves. A stretch that does not change, or repeats itself row by row, does not count.
+    parts : (T, C) each, its columns side by side. A stretch must be so long that it is not repeated
+    by chance: rows of coarse counts are equal more often than others, and counts that carry their
+    remainder over nearly repeat themselves. A stretch that does not change, or repeats itself row
+    by row, does not count.
     """
-    n = len(values)
-    enough = _enough(values)
+    n = len(parts[0])
+    enough = _enough(parts)
     if enough is None or n < 2 * enough:
         return []
-    hashes, seed, before = _row_hashes(values), _SEED_ROWS, n
+    hashes, seed, before = _row_hashes(parts), _SEED_ROWS, n
     found = _repeated(hashes, seed, enough)
     # Longer seeds are tried until few stretches are left, or longer seeds leave no fewer.
     while len(found) > _BY_CHANCE and not (seed >= enough and len(found) > before / 2):
@@ -68,24 +75,35 @@ def _repeated(hashes: np.ndarray, seed: int, enough: int) -> list[Pasted]:
 def _pairs(hashes: np.ndarray, seed: int, apart: int) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of rows at which the same `seed` rows begin, at least `apart` rows apart."""
     sums = _sums(hashes, seed)
-    order = np.argsort(sums, kind="stable")
-    alike = sums[order[1:]] == sums[order[:-1]]
-    first, again = order[:-1][alike], order[1:][alike]
-    far = again - first >= apart
-    return first[far], again[far]
+    groups = 1 if len(sums) <= ROWS else _GROUPS
+    byte = sums.view(np.uint8).reshape(-1, 8)[:, 0] % groups
+    firsts, agains = [], []
+    for group in range(groups):  # equal sums are in one group, which is put in order by itself
+        own = np.flatnonzero(byte == group)
+        order = own[np.argsort(sums[own], kind="stable")]
+        alike = sums[order[1:]] == sums[order[:-1]]
+        first, again = order[:-1][alike], order[1:][alike]
+        far = again - first >= apart
+        firsts.append(first[far])
+        agains.append(again[far])
+    return np.concatenate(firsts), np.concatenate(agains)
 
 
-def _enough(values: np.ndarray) -> int | None:
+def _enough(parts: Sequence[np.ndarray]) -> int | None:
     """The number of consecutive rows that are not repeated by chance; None where rows hardly
     differ, or where that is more than the longest."""
-    n = len(values)
+    n = len(parts[0])
     alike = 1.0
-    some = values[:: max(1, n // _SOME)]
+    some = np.hstack([values[:: max(1, n // _SOME)] for values in parts])
     for column in some.T:
         counts = np.unique(column, return_counts=True)[1]
         alike *= max(float(np.sum((counts / len(some)) ** 2)), 1 / len(some))
-    own = float((np.diff(values, axis=0) == 0).all(axis=1).mean())
-    alike = max(alike, own)  # neighbouring rows may be equal more often than rows far apart
+    own = np.ones(n - 1, bool)
+    for values in parts:
+        own &= (values[1:] == values[:-1]).all(axis=1)
+    alike = max(
+        alike, float(own.mean())
+    )  # neighbouring rows may be equal more often than rows far apart
     if alike > 0.9:
         return None
     chance = 2 * np.log(n) + np.log(1e7)
@@ -93,23 +111,31 @@ def _enough(values: np.ndarray) -> int | None:
     return rows if rows <= _LONGEST_ROWS else None
 
 
-def _row_hashes(values: np.ndarray) -> np.ndarray:
+def _row_hashes(parts: Sequence[np.ndarray]) -> np.ndarray:
     """A hash of each row, (T,), uint64."""
-    bits = (np.ascontiguousarray(values, dtype=np.float64) + 0.0).view(np.uint64)
-    mixed = (bits ^ (bits >> np.uint64(29))) * _ODD[: values.shape[1]]
-    mixed ^= mixed >> np.uint64(32)
-    return np.asarray((mixed * _ODD[0]).sum(axis=1, dtype=np.uint64))
+    made = np.empty(len(parts[0]), np.uint64)
+    for rows in blocks(len(made), _AT_ONCE):
+        values = np.hstack([own[rows] for own in parts])
+        bits = (np.ascontiguousarray(values, dtype=np.float64) + 0.0).view(np.uint64)
+        mixed = (bits ^ (bits >> np.uint64(29))) * _ODD[: values.shape[1]]
+        mixed ^= mixed >> np.uint64(32)
+        made[rows] = (mixed * _ODD[0]).sum(axis=1, dtype=np.uint64)
+    return made
 
 
 def _sums(rows: np.ndarray, length: int) -> np.ndarray:
     """A hash of each `length` consecutive rows, (T - length + 1,): the sum of h[k + j] radix^j
     modulo 2^64."""
-    n = len(rows)
     inverse = np.uint64(pow(int(_RADIX), -1, 1 << 64))
-    power = np.cumprod(np.r_[np.uint64(1), np.full(n - 1, _RADIX)], dtype=np.uint64)
-    back = np.cumprod(np.r_[np.uint64(1), np.full(n - 1, inverse)], dtype=np.uint64)
-    total = np.r_[np.uint64(0), np.cumsum(rows * power, dtype=np.uint64)]
-    return np.asarray((total[length:] - total[:-length]) * back[: n - length + 1])
+    most = min(len(rows), _AT_ONCE + length) - 1
+    power = np.cumprod(np.r_[np.uint64(1), np.full(most, _RADIX)], dtype=np.uint64)
+    back = np.cumprod(np.r_[np.uint64(1), np.full(most, inverse)], dtype=np.uint64)
+    made = np.empty(len(rows) - length + 1, np.uint64)
+    for at in blocks(len(made), _AT_ONCE):
+        own = rows[at.start : at.stop + length - 1]
+        total = np.r_[np.uint64(0), np.cumsum(own * power[: len(own)], dtype=np.uint64)]
+        made[at] = (total[length:] - total[:-length]) * back[: at.stop - at.start]
+    return made
 
 
 def _stretches(first: np.ndarray, again: np.ndarray, length: int) -> list[Pasted]:

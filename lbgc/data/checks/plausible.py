@@ -181,11 +181,13 @@ def down_of(force: np.ndarray) -> np.ndarray:
     return -force / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def force_finding(rest: Resting, config: LogConfig, rate_hz: float) -> Finding | None:
-    """The finding that a mean force differs from gravity by a fifth or more, because of a wrong
-    unit or a broken sensor; None where it does not."""
-    g = normal_gravity(rest.latitude)
-    norm = float(np.linalg.norm(rest.force))
+def force_finding(
+    name: str, force: np.ndarray, latitude: float, config: LogConfig, rate_hz: float
+) -> Finding | None:
+    """The finding that a mean force, (3,), m/s^2, differs from gravity by a fifth or more, because
+    of a wrong unit or a broken sensor; None where it does not. name : the recording's."""
+    g = normal_gravity(latitude)
+    norm = float(np.linalg.norm(force))
     if abs(norm / g - 1) < _FORCE_SHARE:
         return None
     unit = config.accel_unit
@@ -201,7 +203,7 @@ def force_finding(rest: Resting, config: LogConfig, rate_hz: float) -> Finding |
         why = "no unit makes sense of it: is it at rest, and its scale right?"
         if norm < _FORCE_SHARE * g:
             why += " Or was gravity taken out of it?"
-    says = f"{rest.name} would rest at {norm:.4g} m/s2, not within 20% of g; {why}"
+    says = f"{name} would rest at {norm:.4g} m/s2, not within 20% of g; {why}"
     return Finding("force", "log.accel_unit", shown, "", says)
 
 

@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from lbgc.data.checks.findings import Finding
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.record import Record
+from lbgc.data.readers.blocks import blocks, some
+from lbgc.data.record import Record, TriadRecord
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG
 
@@ -23,6 +25,8 @@ only."""
 _FEWEST = 200
 """Samples below which a distribution is not judged."""
 _PLACES = ("smallest", "largest")
+_ENDS = 4
+"""Values at an end of a channel's range that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +35,10 @@ class Channel:
 
     name: str
     """Its name in messages, by the file's own axis: gyro x, accelerometer z"""
-    values: np.ndarray
-    """(T,), SI"""
+    column: np.ndarray
+    """(T,), SI, but for the sign"""
+    sign: float
+    """That sign"""
     unit: str
     """The unit that messages use"""
     scale: float
@@ -40,59 +46,115 @@ class Channel:
     carried: bool
     """Whether its counts are known to carry their remainder over, so that their mean is exact"""
 
-    @cached_property
-    def distinct(self) -> tuple[np.ndarray, np.ndarray]:
-        """The channel's different values in order, (L,), and how often each is printed, (L,)."""
-        return np.unique(self.values, return_counts=True)
+    def at(self, rows: Any) -> Any:
+        """The values in these rows, or in one, SI."""
+        return self.sign * self.column[rows]
+
+    @property
+    def samples(self) -> int:
+        """The number of samples T."""
+        return len(self.column)
 
     @cached_property
+    def levels(self) -> "Levels":
+        """The channel's different values."""
+        return _levels(self.at(slice(None)))
+
+    @property
     def same(self) -> np.ndarray:
         """(T - 1,), whether each sample after the first repeats the one before."""
-        return np.asarray(np.diff(self.values) == 0)
+        return np.asarray(self.column[1:] == self.column[:-1])
+
+    @cached_property
+    def repeats(self) -> float:
+        """The share of samples that repeat the one before."""
+        return float(self.same.mean())
 
     @property
     def is_counted(self) -> bool:
         """Whether the values are counts: two levels or more, but fewer than a quarter of the
         samples."""
-        return 1 < len(self.distinct[0]) < len(self.values) / 4
+        return 1 < self.levels.number < self.samples / 4
 
     @property
     def is_coarse(self) -> bool:
         """Whether the noise moves it by less than about half a count from sample to sample."""
-        return self.is_counted and float(self.same.mean()) > _COARSE
+        return self.is_counted and self.repeats > _COARSE
 
     @property
     def count(self) -> float:
         """The smallest step between the values that are printed, SI."""
-        steps = np.diff(self.distinct[0])
-        return float(steps.min()) if len(steps) else 0.0
+        return self.levels.step
 
     @cached_property
     def noise(self) -> float:
         """1 sigma of the noise from sample to sample, SI, by a median that a few bad samples do not
         change."""
-        step = np.abs(np.diff(self.values))
-        return float(np.median(step)) / 0.6745 / np.sqrt(2) if len(step) else 0.0
+        if self.samples < 2:
+            return 0.0
+        step = np.abs(some(self.column[1:]) - some(self.column[:-1]))
+        return float(np.median(step) / 0.6745 / np.sqrt(2))
 
     def shown(self, value: float) -> str:
         """A value, SI, as text in the unit that messages use."""
         return f"{value / self.scale:.6g} {self.unit}"
 
 
-def channels(record: Record, config: LogConfig, imu: ImuModel | None) -> list[Channel]:
-    """The six channels of a recording, gyros first, in the order of the file's axes."""
+@dataclass(frozen=True)
+class Levels:
+    """The different values of a channel."""
+
+    number: int
+    """How many there are"""
+    step: float
+    """The smallest step between two of them, SI; 0 where there is one"""
+    lowest: tuple[np.ndarray, np.ndarray]
+    """The four smallest in order, SI, and how often each is printed"""
+    highest: tuple[np.ndarray, np.ndarray]
+    """The four largest, from the largest on, likewise"""
+
+
+def _levels(values: np.ndarray) -> Levels:
+    """The different values among these, (T,), which are put in order where they stand."""
+    values.sort()
+    number, step = 1, np.inf
+    for own in blocks(len(values) - 1):
+        steps = np.diff(values[own.start : own.stop + 1])
+        steps = steps[steps > 0]
+        number += len(steps)
+        step = min(step, float(steps.min(initial=np.inf)))
+    ends: list[tuple[np.ndarray, np.ndarray]] = []
+    for end in (0, 1):
+        first, last = 0, len(values)
+        found: list[tuple[float, int]] = []
+        while first < last and len(found) < _ENDS:
+            value = values[first if end == 0 else last - 1]
+            edge = int(np.searchsorted(values, value, side="left" if end else "right"))
+            found.append((float(value), edge - first if end == 0 else last - edge))
+            first, last = (edge, last) if end == 0 else (first, edge)
+        ends.append((np.array([v for v, _ in found]), np.array([c for _, c in found])))
+    return Levels(number, step if number > 1 else 0.0, ends[0], ends[1])
+
+
+def channels(
+    record: Record | TriadRecord, config: LogConfig, imu: ImuModel | None
+) -> list[Channel]:
+    """The channels of a recording, gyros first, in the order of the file's axes."""
     found = []
-    for name, values, axes, unit, scale in (
-        ("gyro", record.gyro, config.axes, "deg/s", DEG),
-        ("accelerometer", record.accel, config.axes_of_accel, "m/s2", 1.0),
+    for part, name, axes, unit, scale in (
+        ("gyro", "gyro", config.axes, "deg/s", DEG),
+        ("accel", "accelerometer", config.axes_of_accel, "m/s2", 1.0),
     ):
+        values = record.triads.get(part)
+        if values is None:
+            continue
         triad = None if imu is None else (imu.gyro if name == "gyro" else imu.accel)
         counts = None if triad is None else triad.counts
         carried = counts is not None and counts.is_carried
         for column, axis in sorted(enumerate(axes), key=lambda pair: pair[1][-1]):
             sign = -1.0 if axis.startswith("-") else 1.0
-            one = np.ascontiguousarray(sign * values[:, column])
-            found.append(Channel(f"{name} {axis[-1]}", one, unit, scale, carried))
+            one = values[:, column]
+            found.append(Channel(f"{name} {axis[-1]}", one, sign, unit, scale, carried))
     return found
 
 
@@ -111,7 +173,7 @@ def rail_finding(name: str, every: Sequence[Channel]) -> Finding | None:
     said, most = [], 0.0
     for channel in every:
         for share, end in _piles(channel):
-            value = channel.distinct[0][0 if end == 0 else -1]
+            value = _from_end(channel, end)[0][0]
             said.append(f"{100 * share:.3g}% of {channel.name} at its {_PLACES[end]} value, "
                         f"{channel.shown(value)}")  # fmt: skip
             most = max(most, share)
@@ -130,8 +192,8 @@ def _piles(channel: Channel) -> list[tuple[float, int]]:
     before it. The value at a rail holds all samples that would be beyond it: several times as many
     as each of the next three or, at one end only, more than these extrapolate to.
     """
-    n = len(channel.values)
-    if n < _FEWEST or len(channel.distinct[0]) < 6 or channel.is_coarse:
+    n = channel.samples
+    if n < _FEWEST or channel.levels.number < 6 or channel.is_coarse:
         return []
     found = []
     for end in (0, 1):
@@ -156,9 +218,8 @@ def _piles(channel: Channel) -> list[tuple[float, int]]:
 
 def _from_end(channel: Channel, end: int) -> tuple[np.ndarray, np.ndarray]:
     """The four values nearest to an end, inwards, and how often each is printed."""
-    values, counts = channel.distinct
-    inward = 1 - 2 * end
-    return values[::inward][:4], counts[::inward][:4].astype(float)
+    values, counts = channel.levels.highest if end else channel.levels.lowest
+    return values, counts.astype(float)
 
 
 def counts_finding(every: Sequence[Channel]) -> Finding | None:
@@ -168,13 +229,13 @@ def counts_finding(every: Sequence[Channel]) -> Finding | None:
     for triad in dict.fromkeys(c.name.split()[0] for c in every):
         own = [c for c in every if c.name.startswith(triad)]
         count = max((c.count for c in own if c.is_coarse), default=0.0)
-        if own[0].carried or len(own[0].values) < _FEWEST:
+        if own[0].carried or own[0].samples < _FEWEST:
             continue
-        if all(len(c.distinct[0]) == 1 for c in own) and any(c.count > 0 for c in every):
+        if all(c.levels.number == 1 for c in own) and any(c.count > 0 for c in every):
             parts.append(f"{listed([c.name for c in own])}, which never change, in counts")
         if count == 0:
             continue
-        own = [c for c in own if c.is_coarse or len(c.distinct[0]) == 1]
+        own = [c for c in own if c.is_coarse or c.levels.number == 1]
         parts.append(f"{listed([c.name for c in own])} in counts of {own[0].shown(count)}")
     if not parts:
         return None
@@ -190,8 +251,8 @@ def held_finding(record: Record) -> Finding | None:
         return None
     shares = {}
     for name, values in (("gyros", record.gyro), ("accelerometers", record.accel)):
-        same = (np.diff(values, axis=0) == 0).all(axis=1)
-        moves = (np.diff(values, axis=0) != 0).all(axis=1)
+        equal = values[1:] == values[:-1]
+        same, moves = equal.all(axis=1), ~equal.any(axis=1)
         # Coarse counts would repeat on single axes; a held sample repeats on all of them.
         shares[name] = float(same.mean()) if (same | moves).mean() > 0.98 else 0.0
     for name, other in (("gyros", "accelerometers"), ("accelerometers", "gyros")):

@@ -61,6 +61,9 @@ def means(records: Iterable[Record]) -> Means:
             raise InputError(
                 record.name, "(unknown)", "", "has no heading: give labelled recordings"
             )
+        if not np.isfinite(record.latitude):
+            raise InputError("log.latitude", None, "", "must be given: biases are against Earth's "
+                             "rate")  # fmt: skip
         if np.ptp(record.plate_angle) > _TURNS:
             turned = np.rad2deg(np.ptp(record.plate_angle))
             raise InputError(

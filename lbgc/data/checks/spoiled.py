@@ -9,7 +9,8 @@ import numpy as np
 from lbgc.data.checks.findings import Finding
 from lbgc.data.checks.pasted import pasted
 from lbgc.data.checks.printed import Channel, listed
-from lbgc.data.record import Record
+from lbgc.data.readers.blocks import blocks, some
+from lbgc.data.record import Record, TriadRecord
 
 _FEWEST = 200
 """Samples below which nothing is checked."""
@@ -28,17 +29,17 @@ _LONGEST_PERSISTENCE = 0.9
 """Probability that a value is repeated above which no run of equal values is too long."""
 
 
-def stuck_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
+def stuck_finding(record: Record | TriadRecord, every: Sequence[Channel]) -> Finding | None:
     """The finding that channels print one value throughout, or for longer than their noise allows;
     None where none does."""
-    if len(record.gyro) < _FEWEST:
+    if len(record.plate_angle) < _FEWEST:
         return None
     whole = [c for c in every if _is_dead(c, every)]
     if whole:
         says = f"{listed([c.name for c in whole])} never changes while others do: a dead channel, "
         says += "or a wrong column"
         name = f"{record.name}: {whole[0].name}"
-        return Finding("stuck", name, whole[0].shown(whole[0].values[0]), "", says)
+        return Finding("stuck", name, whole[0].shown(whole[0].at(0)), "", says)
     runs = [(c, *_longest_stay(c)) for c in every]
     stuck = [(c, start, length) for c, start, length in runs if length]
     if not stuck:
@@ -47,23 +48,23 @@ def stuck_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
     begin, end = start / record.rate_hz, (start + length) / record.rate_hz
     says = f"{listed([c.name for c, *_ in stuck])} stays at one value, {channel.name} from "
     says += f"{begin:.5g} to {end:.5g} s, longer than its noise allows; cut the log there"
-    value = channel.shown(channel.values[start])
+    value = channel.shown(channel.at(start))
     return Finding("stuck", f"{record.name}: {channel.name}", value, "", says)
 
 
 def _is_dead(channel: Channel, every: Sequence[Channel]) -> bool:
     """Whether a channel is constant for another reason than coarse counts of its triad, with which
     the triad's other two channels would hardly change either."""
-    if len(channel.distinct[0]) > 1:
+    if channel.levels.number > 1:
         return False
     triad = channel.name.split()[0]
     siblings = [c for c in every if c.name.startswith(triad) and c is not channel]
-    return any(len(c.distinct[0]) > 1 and not _hardly_changes(c) for c in siblings)
+    return any(c.levels.number > 1 and not _hardly_changes(c) for c in siblings)
 
 
 def _hardly_changes(channel: Channel) -> bool:
     """Whether a channel has four values or fewer, or coarse counts."""
-    return len(channel.distinct[0]) <= 4 or channel.is_coarse
+    return channel.levels.number <= 4 or channel.is_coarse
 
 
 def _longest_stay(channel: Channel) -> tuple[int, int]:
@@ -104,7 +105,7 @@ class _Spikes:
     @property
     def share_of_noise(self) -> float:
         """The power of the spikes over that of the channel's noise."""
-        n = len(self.channel.values)
+        n = self.channel.samples
         noise = max(self.channel.noise, self.channel.count / 4)
         return float(np.sum((self.away / noise) ** 2)) / n if noise > 0 else np.inf
 
@@ -112,15 +113,15 @@ class _Spikes:
     def shift(self) -> float:
         """The shift of the channel's mean by the spikes, in sigma of that mean by the noise from
         sample to sample."""
-        n = len(self.channel.values)
+        n = self.channel.samples
         noise = max(self.channel.noise, self.channel.count / 4) / np.sqrt(n)
         return abs(float(np.sum(self.away))) / n / noise if noise > 0 else np.inf
 
 
-def outliers_finding(record: Record, every: Sequence[Channel]) -> Finding | None:
+def outliers_finding(record: Record | TriadRecord, every: Sequence[Channel]) -> Finding | None:
     """The finding that single samples are far from their neighbours, or that values stand for
     missing ones (-999, 0, 32767); None where there are no such samples."""
-    if len(record.gyro) < _FEWEST:
+    if len(record.plate_angle) < _FEWEST:
         return None
     found = [spikes for c in every if len((spikes := _spikes(c)).rows)]
     if not found:
@@ -131,67 +132,75 @@ def outliers_finding(record: Record, every: Sequence[Channel]) -> Finding | None
     total = sum(len(s.rows) for s in found)
     says = f"{total} samples of {listed([s.channel.name for s in found])} are far from their "
     says += f"neighbours, the farthest in row {row} ({row / record.rate_hz:.5g} s)"
-    alike = int(np.sum(channel.values[worst.rows] == channel.values[row]))
+    alike = int(np.sum(channel.at(worst.rows) == channel.at(row)))
     if alike > 2:
         says += f"; {alike} are exactly this: it may stand for a missing one"
     refuses = any(s.share_of_noise > _OF_NOISE or s.shift > _OF_MEAN for s in found)
     says += "; take them out" if refuses else "; too few to matter"
     name = f"{record.name}: {channel.name}"
-    return Finding("outliers", name, channel.shown(channel.values[row]), "", says, refuses)
+    return Finding("outliers", name, channel.shown(channel.at(row)), "", says, refuses)
 
 
 def _spikes(channel: Channel) -> _Spikes:
     """The spikes of a channel, or its values that stand for missing ones, where there are any."""
-    x = channel.values
     none = _Spikes(channel, np.empty(0, int), np.empty(0))
-    sentinel = _apart(channel)
-    centre = float(np.median(x))
-    if len(sentinel):
-        return _Spikes(channel, sentinel, x[sentinel] - centre)
-    bend = np.zeros(len(x))
-    bend[3:-3] = x[3:-3] - (x[:-6] + x[6:]) / 2
-    bend[:3], bend[-3:] = x[:3] - x[3:6], x[-3:] - x[-6:-3]
-    sigma = float(np.median(np.abs(bend))) / 0.6745 / np.sqrt(1.5)
-    if len(channel.distinct[0]) < 2:
+    if channel.levels.number < 2:
         return none
+    sentinel = _apart(channel)
+    if len(sentinel):
+        centre = float(np.median(some(channel.column))) * channel.sign
+        return _Spikes(channel, sentinel, channel.at(sentinel) - centre)
+    bend = _bends(channel.column)
+    sigma = float(np.median(some(bend))) / 0.6745 / np.sqrt(1.5)
     if channel.is_counted:
         sigma = max(sigma, channel.count)
     sigma = max(sigma, channel.noise)
     if sigma == 0:
         return none
-    rows = np.flatnonzero(np.abs(bend) > _SPIKE * sigma)
+    rows = np.flatnonzero(bend > _SPIKE * sigma)
     if len(rows) == 0 or len(rows) > _MOST_CANDIDATES:
         return none
-    near = np.clip(rows[:, None] + _NEIGHBOURS, 0, len(x) - 1)
-    beside = x[near]
-    away = x[rows] - np.median(beside, axis=1)
+    near = np.clip(rows[:, None] + _NEIGHBOURS, 0, channel.samples - 1)
+    beside = channel.at(near)
+    away = channel.at(rows) - np.median(beside, axis=1)
     far = (np.abs(away) > _SPIKE * sigma) & (np.abs(away) > _LOCAL * np.ptp(beside, axis=1))
     return _Spikes(channel, rows[far], away[far])
+
+
+def _bends(x: np.ndarray) -> np.ndarray:
+    """The distance of each of the values (T,) from the middle of those three samples before and
+    behind it."""
+    bend = np.empty(len(x))
+    for own in blocks(len(x) - 6):
+        a, b = own.start, own.stop
+        bend[a + 3 : b + 3] = x[a + 3 : b + 3] - (x[a:b] + x[a + 6 : b + 6]) / 2
+    bend[:3], bend[-3:] = x[:3] - x[3:6], x[-3:] - x[-6:-3]
+    return np.abs(bend, out=bend)
 
 
 def _apart(channel: Channel) -> np.ndarray:
     """The rows of a smallest or largest value that is printed several times and is far from all
     other values."""
-    values, counts = channel.distinct
-    if len(values) < 3 or channel.is_coarse:
+    if channel.levels.number < 3 or channel.is_coarse:
         return np.empty(0, int)
+    (low, low_counts), (high, high_counts) = channel.levels.lowest, channel.levels.highest
     rows = []
-    for end, gap, inner in (
-        (0, values[1] - values[0], values[-1] - values[1]),
-        (-1, values[-1] - values[-2], values[-2] - values[0]),
+    for value, count, gap, inner in (
+        (low[0], low_counts[0], low[1] - low[0], high[0] - low[1]),
+        (high[0], high_counts[0], high[0] - high[1], high[1] - low[0]),
     ):
         far = gap > max(_ALONE * channel.noise, 2 * inner, 4 * channel.count)
-        if far and 1 < counts[end] < len(channel.values) / 2:
-            rows.append(np.flatnonzero(channel.values == values[end]))
+        if far and 1 < count < channel.samples / 2:
+            rows.append(np.flatnonzero(channel.column == channel.sign * value))
     return np.concatenate(rows) if rows else np.empty(0, int)
 
 
-def pasted_finding(record: Record) -> Finding | None:
-    """The finding that stretches of all six channels occur in the recording twice; None where there
+def pasted_finding(record: Record | TriadRecord) -> Finding | None:
+    """The finding that stretches of all channels occur in the recording twice; None where there
     are none."""
-    if len(record.gyro) < _FEWEST:
+    if len(record.plate_angle) < _FEWEST:
         return None
-    found = pasted(np.hstack([record.gyro, record.accel]))
+    found = pasted(*record.triads.values())
     if not found:
         return None
     rows = sum(stretch.rows for stretch in found)
@@ -200,5 +209,6 @@ def pasted_finding(record: Record) -> Finding | None:
         a, b, length = (k / record.rate_hz for k in (one.first, one.again, one.rows))
         said.append(f"{length:.4g} s from {a:.5g} s stand again from {b:.5g} s")
     says = "; ".join(said) + (f"; and {len(found) - 3} more" if len(found) > 3 else "")
-    says += ", to the last digit in all six channels: samples that were never measured"
+    channels = "six" if len(record.triads) > 1 else "three"
+    says += f", to the last digit in all {channels} channels: samples that were never measured"
     return Finding("pasted", f"{record.name}: rows that stand twice", rows, "", says)

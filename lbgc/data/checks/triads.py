@@ -17,6 +17,7 @@ from lbgc.data.checks.findings import Finding
 from lbgc.data.checks.plausible import FIVE_SIGMA, PER_HOUR, Resting, down_of, residual
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.axes import matrix_of, spelled
+from lbgc.data.readers.blocks import ROWS, blocks
 from lbgc.data.record import Record
 from lbgc.earth import EARTH_RATE
 from lbgc.units import DEG
@@ -149,7 +150,6 @@ class Motion:
 
 def motions(record: Record) -> list[Motion]:
     """The recording's motion, by blocks of each length for which it is long enough."""
-    angle = np.cumsum(record.gyro - record.gyro.mean(axis=0), axis=0) / record.rate_hz
     found = []
     for length in _BLOCKS_S:
         size = round(length * record.rate_hz)
@@ -157,9 +157,22 @@ def motions(record: Record) -> list[Motion]:
         if count < _FEWEST_BLOCKS:
             continue
         force = _means(record.accel, size, count)
-        turned = np.diff(_means(angle, size, count), axis=0)
+        turned = np.diff(_mean_angles(record, size, count), axis=0)
         found.append(Motion(turned, (force[1:] + force[:-1]) / 2, np.diff(force, axis=0)))
     return found
+
+
+def _mean_angles(record: Record, size: int, count: int) -> np.ndarray:
+    """Means of the angles by which the gyros turned since the start, less those of a steady turn,
+    over `count` blocks of `size` samples: (count, 3), rad."""
+    mean, at, found = record.gyro.mean(axis=0), np.zeros(3), []
+    for own in blocks(count, max(1, ROWS // size)):
+        rate = record.gyro[own.start * size : own.stop * size] - mean
+        rate[0] += at
+        np.cumsum(rate, axis=0, out=rate)
+        at = rate[-1].copy()
+        found.append(_means(rate / record.rate_hz, size, own.stop - own.start))
+    return np.concatenate(found)
 
 
 def _means(values: np.ndarray, size: int, count: int) -> np.ndarray:

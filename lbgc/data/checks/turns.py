@@ -1,12 +1,13 @@
 """What of a recording's mean rates and forces turns with its plate, and what does not.
 
-Over the positions theta_k of a plate the horizontal means in the body's axes are
+Over the positions theta_k of a plate the means across its axis, in the body's axes, are
 
-    mean_k = C(theta_k)' h + b,    C(theta) a turn about the down axis
+    mean_k = C(theta_k)' h + b,    C(theta) a turn about the axis
 
-with h Earth's rate (or gravity's horizontal part, where the base leans) in the base's axes and b
-the bias. Angles of the wrong sign or unit leave residuals, or an h that is not as large as Earth's
-horizontal rate, wherever the positions are not just half turns apart.
+with h Earth's rate (or gravity) across the axis in the base's axes and b the bias. About down h is
+as large as Earth's horizontal rate, and gravity's is small; about a level axis h has Earth's
+vertical rate, and all of gravity. Angles of the wrong sign or unit leave residuals, or another h,
+wherever the positions are not just half turns apart.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from lbgc.data.logconfig import LogConfig
 from lbgc.data.record import Record
 from lbgc.data.rests import Rest
 from lbgc.earth import EARTH_RATE, normal_gravity
-from lbgc.frames import turned
+from lbgc.frames import AXES, DOWN, across, turned
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import ANGLE_UNITS, DEG, RATE_UNITS, rate_factor
 
@@ -42,6 +43,8 @@ _TILTS = 1.0 * DEG
 _LEANS, _MUCH = 0.2 * DEG, 5.0
 """The lean, rad, that angles of the wrong sign must leave to be told by it, and its least ratio to
 what right ones leave."""
+_STRAY = 5.0 * DEG
+"""Angle, rad, by which accelerometers' biases may have two positions about a level axis differ."""
 _FALLS = 20.0 * DEG
 """Angle of the vertical between positions, rad, from which on they are about another axis."""
 _DRIFTS = 0.05
@@ -64,11 +67,50 @@ class Turning:
     """(K, 3), rad/s, 1 sigma of `rate`"""
     force: np.ndarray
     """(K, 3), m/s^2"""
+    axis: int = DOWN
+    """The body's axis about which the plate turns"""
 
     @property
     def north(self) -> float:
         """Earth's horizontal rate, rad/s."""
         return EARTH_RATE * float(np.cos(self.latitude))
+
+    @property
+    def across(self) -> list[int]:
+        """The two axes across the plate's."""
+        return list(across(self.axis))
+
+    @property
+    def told(self) -> str:
+        """Which part of Earth's rate is known to turn with the plate."""
+        return "horizontal" if self.axis == DOWN else "vertical"
+
+    def seen(self, fit: "_Fit") -> tuple[float, float, float]:
+        """That part by a fit of rates, Earth's own, and 1 sigma, rad/s."""
+        if self.axis == DOWN:
+            return fit.size, self.north, float(np.hypot(*fit.sigma[:2]))
+        at = self.across.index(DOWN)
+        return float(fit.found[at]), -EARTH_RATE * float(np.sin(self.latitude)), fit.sigma[at]
+
+    def chi_about(self, axis: int) -> float:
+        """The chi-square of rates that turn by the stated angles about this axis, along which they
+        stay."""
+        own = replace(self, axis=axis)
+        rate, sigma = self.rate[:, axis], self.noise[:, axis]
+        return own.chi(1.0) + float(np.sum(((rate - rate.mean()) / sigma) ** 2))
+
+    @property
+    def tolerance(self) -> float:
+        """The difference of that part from Earth's own, rad/s, which scale factors and a lean may
+        cause."""
+        return _OFF * (self.north if self.axis == DOWN else EARTH_RATE)
+
+    def falls(self, axis: int, by: float = 1.0) -> float:
+        """The largest angle, rad, between the measured verticals of two positions, turned back by
+        the plate's angles, times `by`, about this axis."""
+        down = turned(self.force, by * self.angle, axis)
+        down /= np.linalg.norm(down, axis=1, keepdims=True)
+        return float(np.arccos(np.clip((down @ down.T).min(), -1, 1)))
 
     @property
     def spread(self) -> float:
@@ -77,8 +119,8 @@ class Turning:
         return float(np.abs(apart).max())
 
     def fitted(self, values: np.ndarray, sigma: np.ndarray, by: float = 1.0) -> "_Fit":
-        """The fit of horizontal means (K, 2) with sigmas (K, 2) where the angles are `by` times the
-        stated ones."""
+        """The fit of means across the axis, (K, 2), with sigmas (K, 2) where the angles are `by`
+        times the stated ones."""
         angle = by * self.angle
         columns = [turned(np.tile(unit, (len(angle), 1)), -angle) for unit in np.eye(2)]
         columns += [np.tile(unit, (len(angle), 1)) for unit in np.eye(2)]
@@ -92,51 +134,60 @@ class Turning:
     @cached_property
     def of_rate(self) -> "_Fit":
         """The fit of the rates."""
-        return self.fitted(self.rate[:, :2], self.noise[:, :2])
+        return self._rates(1.0)
 
     @cached_property
     def of_force(self) -> "_Fit":
         """The fit of the forces, all positions alike."""
-        return self.fitted(self.force[:, :2], np.ones((len(self.angle), 2)))
+        return self._forces(1.0)
+
+    def _rates(self, by: float) -> "_Fit":
+        """The fit of the rates where the angles are `by` times the stated ones."""
+        return self.fitted(self.rate[:, self.across], self.noise[:, self.across], by)
+
+    def _forces(self, by: float) -> "_Fit":
+        """The fit of the forces, likewise."""
+        return self.fitted(self.force[:, self.across], np.ones((len(self.angle), 2)), by)
 
     def lean_left(self, by: float) -> float:
         """The lean, rad, RMS over positions, that the forces' fit leaves where the angles are `by`
-        times the stated ones; zero where there are too few positions to leave any."""
+        times the stated ones; where there are too few positions to leave any, zero about down, and
+        about a level axis what gravity itself leaves, the accelerometers' bias included."""
         freedom = 2 * len(self.angle) - 4
         if freedom <= 0:
-            return 0.0
-        found = self.fitted(self.force[:, :2], np.ones((len(self.angle), 2)), by)
-        return float(np.sqrt(found.chi / freedom)) / normal_gravity(self.latitude)
+            return 0.0 if self.axis == DOWN else self.falls(self.axis, by) / 2
+        return float(np.sqrt(self._forces(by).chi / freedom)) / normal_gravity(self.latitude)
 
     def chi(self, by: float) -> float:
-        """The chi-square of rates whose turning part is as large as Earth's horizontal one, where
-        the angles are `by` times the stated ones."""
-        found = self.fitted(self.rate[:, :2], self.noise[:, :2], by)
-        sigma = float(np.hypot(*found.sigma[:2])) + 1e-5 * self.north
-        return found.chi + ((found.size - self.north) / sigma) ** 2
+        """The chi-square of rates whose turning part is as large as Earth's own, where the angles
+        are `by` times the stated ones."""
+        found = self._rates(by)
+        size, earth, sigma = self.seen(found)
+        sigma += 1e-5 * self.north
+        if self.axis != DOWN:  # a lean takes of the horizontal rate
+            sigma = float(np.hypot(sigma, self.tolerance / _FIVE))
+        return found.chi + ((size - earth) / sigma) ** 2
 
     def resting(self, rest: Resting) -> Resting:
         """The means that a resting sensor without horizontal bias would have where the plate's
         angle is zero. rest : of the recording, for what is not of its horizontal means."""
-        rate, force = self.of_rate, self.of_force
-        vertical = self.noise[:, 2].mean() / np.sqrt(len(self.angle))
-        stated = None if rest.stated is None else np.array([0.0, 0.0, rest.stated[2]])
-        return replace(
-            rest,
-            name=self.name,
-            rate=np.array([*rate.found[:2], self.rate[:, 2].mean()]),
-            noise=np.array([*rate.sigma[:2], vertical]),
-            force=np.array([*force.found[:2], self.force[:, 2].mean()]),
-            stated=stated,
-        )
+        along = np.arange(3) == self.axis
+        rate, noise, force = (v.mean(axis=0) for v in (self.rate, self.noise, self.force))
+        rate[self.across] = self.of_rate.found[:2]
+        force[self.across] = self.of_force.found[:2]
+        noise /= np.sqrt(len(self.angle))
+        noise[self.across] = self.of_rate.sigma[:2]
+        stated = None if rest.stated is None else np.where(along, rest.stated, 0.0)
+        return replace(rest, name=self.name, rate=rate, noise=noise, force=force, stated=stated)
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """A fit of horizontal means over positions."""
+    """A fit of means across the plate's axis over positions."""
 
     found: np.ndarray
-    """(4,): the part that turns with the base, forward and right, and the part that does not"""
+    """(4,): the part that turns with the plate, along both axes across, and the part that does not
+    """
     sigma: np.ndarray
     """(4,), 1 sigma of each"""
     chi: float
@@ -171,7 +222,7 @@ def turning(record: Record, found: Sequence[Rest], imu: ImuModel | None) -> Turn
     if not means:
         return None
     angle, rate, noise, force = map(np.array, zip(*means, strict=True))
-    whole = Turning(record.name, record.latitude, angle, rate, noise, force)
+    whole = Turning(record.name, record.latitude, angle, rate, noise, force, record.axis)
     if whole.spread < _FEWEST_DEG * DEG or not np.isfinite(rate).all():
         return None
     return whole
@@ -189,6 +240,7 @@ def sense_finding(own: Turning, config: LogConfig) -> Finding | None:
     """The finding that Earth's rate, or gravity on a base that leans, turns otherwise than the
     plate's angles say: the other way, or as if they were of the other unit; None where neither
     does, or where it cannot be told."""
+    key, value = _stated(own, config)
     chi = own.chi(1.0)
     best, by = min(_OTHERS, key=own.chi), "the rates turn"
     least = own.chi(best)
@@ -196,7 +248,6 @@ def sense_finding(own: Turning, config: LogConfig) -> Finding | None:
         best, by = min(_OTHERS, key=own.lean_left), "the lean turns"
         if not own.lean_left(1.0) > max(_LEANS, _MUCH * own.lean_left(best)):
             return None
-    key, value = _stated(own, config)
     says = f"{own.name}: over these positions {by} {_OTHERS[best]}"
     if best == -1.0:
         flip = f"log.plate_scale={-config.plate_scale:g}"
@@ -204,6 +255,27 @@ def sense_finding(own: Turning, config: LogConfig) -> Finding | None:
     elif config.plate_column is not None:
         says += "; log.plate_unit says which"
     return Finding("turned", key, value, "", says)
+
+
+def axis_finding(own: Turning, config: LogConfig) -> Finding | None:
+    """The finding that the plate turned about another axis than the stated one: by gravity, or by
+    Earth's rate where gravity turns alike about both level axes; None where neither says so."""
+    others = [k for k in range(3) if own.falls(k) < _STRAY]
+    apart = own.falls(own.axis)
+    if apart > _FALLS and others:
+        says = "deg between positions"
+        says += "" if own.axis == DOWN else ", turned back by the plate's angles"
+        says += f": the sensor was turned about another axis than its {AXES[own.axis]} one; "
+        says += f"log.plate_axis={' or '.join(AXES[k] for k in others)} would make sense"
+        name = f"{own.name}: the vertical turns"
+        return Finding("vertical", name, f"{apart / DEG:.3g}", "", says)
+    level = [k for k in others if k != DOWN]
+    axis = min(level, key=own.chi_about, default=own.axis)
+    if own.axis == DOWN or own.chi_about(own.axis) < _RATIO * own.chi_about(axis) + _EVIDENCE:
+        return None
+    says = f"{own.name}: over these positions the rates turn about the {AXES[axis]} axis, and not "
+    says += f"about {AXES[own.axis]}; log.plate_axis={AXES[axis]}"
+    return Finding("turned", *_stated(own, config), "", says)
 
 
 def is_told(own: Turning) -> bool:
@@ -214,23 +286,21 @@ def is_told(own: Turning) -> bool:
 
 def size_finding(own: Turning, config: LogConfig, rate_hz: float) -> Finding | None:
     """The finding that the part of the rates that turns with the plate is not as large as Earth's
-    horizontal rate; None where it is."""
-    fit = own.of_rate
-    sigma = float(np.hypot(*fit.sigma[:2]))
-    off = abs(fit.size - own.north)
-    if off < max(_FIVE * sigma, _OFF * own.north):
+    own; None where it is."""
+    size, earth, sigma = own.seen(own.of_rate)
+    if abs(size - earth) < max(_FIVE * sigma, own.tolerance):
         return None
     stated = rate_factor(config.gyro_unit, rate_hz)
     other = {u: rate_factor(u, rate_hz) / stated for u in (*RATE_UNITS, *ANGLE_UNITS)}
     fitting = [
         u for u, f in other.items()
         if u != config.gyro_unit
-        and abs(fit.size * f - own.north) < max(_FIVE * sigma * f, _OFF * own.north)
-        and _FIVE * sigma * f < own.north
+        and abs(size * f - earth) < max(_FIVE * sigma * f, own.tolerance)
+        and _FIVE * sigma * f < abs(earth)
     ]  # fmt: skip
-    says = f"{own.name}: the part of the rates that turns with the plate is "
-    says += f"{fit.size * PER_HOUR:.4g} deg/h where Earth's horizontal rate is "
-    says += f"{own.north * PER_HOUR:.4g}"
+    level = "" if own.axis == DOWN else f"{own.told} "
+    says = f"{own.name}: the {level}part of the rates that turns with the plate is "
+    says += f"{size * PER_HOUR:.4g} deg/h where Earth's {own.told} rate is {earth * PER_HOUR:.4g}"
     if fitting:
         says += f"; in {' or '.join(fitting)} it would make sense"
         return Finding("unit", "log.gyro_unit", config.gyro_unit, "", says)
@@ -242,16 +312,14 @@ def size_finding(own: Turning, config: LogConfig, rate_hz: float) -> Finding | N
 def level_finding(own: Turning) -> Finding | None:
     """The finding that the vertical is not where it was in other positions, as it is where the
     sensor or its base was moved; None where it is."""
-    down = own.force / np.linalg.norm(own.force, axis=1, keepdims=True)
-    apart = float(np.arccos(np.clip((down @ down.T).min(), -1, 1)))
+    apart = own.falls(own.axis)
     if apart > _FALLS:
-        says = "deg between positions: the sensor was turned about an axis that is not its down "
-        says += "one, of which alone angles are told here"
-        return Finding(
-            "vertical", f"{own.name}: the vertical turns", f"{apart / DEG:.3g}", "", says
-        )
+        says = "deg between positions, turned back by the plate's angles about its "
+        says += f"{AXES[own.axis]} axis: these, or the axis (log.plate_axis), are wrong"
+        name = f"{own.name}: the vertical turns"
+        return Finding("vertical", name, f"{apart / DEG:.3g}", "", says)
     off = own.lean_left(1.0)
-    if off < _TILTS:
+    if off < (_TILTS if len(own.angle) > 2 or own.axis == DOWN else _STRAY / 2):
         return None
     says = f"deg from the lean of one base (RMS over {len(own.angle)} positions): the sensor or "
     says += "its base was moved between them"
@@ -261,16 +329,24 @@ def level_finding(own: Turning) -> Finding | None:
 def bias_note(own: Turning) -> str:
     """The note of what does not turn with the plate: the gyros' and the accelerometers' bias."""
     rate, force = own.of_rate, own.of_force
+    size, earth, _ = own.seen(rate)
     shown = ", ".join(f"{value * PER_HOUR:+.3g}" for value in rate.found[2:])
     sigma = float(np.hypot(*rate.sigma[2:]) / np.sqrt(2)) * PER_HOUR
     mg = ", ".join(
         f"{value / normal_gravity(own.latitude) * 1e3:+.3g}" for value in force.found[2:]
     )
-    return (
-        f"positions: {own.name}'s rates turn with the plate by {rate.size * PER_HOUR:.4g} deg/h "
-        f"(Earth's horizontal rate is {own.north * PER_HOUR:.4g}); what does not turn, the bias "
-        f"forward and right, is {shown} deg/h (1 sigma {sigma:.2g}) and {mg} mg"
-    )
+    says = f"positions: {own.name}'s rates turn with the plate by {size * PER_HOUR:.4g} deg/h "
+    if own.axis != DOWN:
+        says = f"positions: the vertical part of {own.name}'s rates turns with the plate by "
+        says += f"{size * PER_HOUR:.4g} deg/h "
+    says += f"(Earth's {own.told} rate is {earth * PER_HOUR:.4g}); what does not turn, the bias "
+    names = " and ".join(AXES[k] for k in own.across)
+    says += f"{names}, is {shown} deg/h (1 sigma {sigma:.2g}) and {mg} mg"
+    if own.axis != DOWN:
+        says += "; the vertical, turned back by the plate's angles, stays within "
+        says += f"{own.falls(own.axis) / DEG:.2g} deg, the accelerometers' bias included; "
+        says += f"the bias {AXES[own.axis]}, along the axis, stays in north"
+    return says
 
 
 def _stated(own: Turning, config: LogConfig) -> tuple[str, object]:

@@ -30,23 +30,34 @@ class AnyLog(LogConfig):
             return mapping
         said = {key: value for key, value in mapping.items() if value is not None}
         given = said.pop("path", "")
-        several = "are one recording's positions, which log=csv reads (log.angles_deg)"
-        require(said.get("angles_deg") is None, "path", given, several)
+        apart: dict[str, Any] = {
+            key: said.pop(key) for key in ("angles_deg", "gap_s") if key in said
+        }
         path = str(given[0] if isinstance(given, list) and given else given)
         require(bool(path), "path", path, "must name a file")
+        two = next(
+            (key for key in ("accel_path", "accel_table", "accel_rows") if key in said),
+            "accel_path",
+        )
+        about = "is for log=csv, which reads two files or tables (log.path=FILE log.latitude=...)"
+        require(two not in said, two, said.get(two), about)
         del said["reader"]
-        look = looked(find(path), said)
+        look = looked(find(path), said, cls.for_heading)
         asked = [own for own in look.asks if cls.for_heading or not own.heading_only]
         if asked:
             about = f"is not told by the file: {asked[0].doubt} {asked[0].why}"
             raise InputError(asked[0].key, None, "", f"{about} (python lbgc/look.py {shown(path)})")
-        if cls.for_heading and look.refusal is not None:
-            raise look.refusal
+        error = look.refusal
+        if cls.for_heading and error is not None:
+            raise InputError(
+                error.name.removeprefix("log."), error.value, error.unit, error.choices
+            )
         for guess in look.guesses:
             if guess.value is not None:
                 about = f"; {guess.doubt}" if guess.doubt else ""
                 print(f"found log.{guess.key}={guess.written}: {guess.why}{about}")
-        return {**look.keys, "path": given} if isinstance(given, list) else look.keys
+        keys = {**look.keys, **apart}
+        return {**keys, "path": given} if isinstance(given, list) else keys
 
 
 @dataclass(frozen=True)

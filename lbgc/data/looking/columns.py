@@ -12,6 +12,7 @@ from itertools import zip_longest
 
 import numpy as np
 
+from lbgc.data.logconfig import NONE
 from lbgc.data.looking.guess import Guess
 from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
 from lbgc.data.readers.sheets import Sheet, shown
@@ -28,8 +29,14 @@ _ONE_MAKE = 1.5
 """The most that it usually does."""
 _OTHERS = {
     "temperature": re.compile(r"(^|[^a-z])(temp|temperature|temperatur|tmp|degc|kelvin)", re.I),
-    "plate": re.compile(r"(^|[^a-z])(plate|table|turntable|stage|encoder|azimuth)", re.I),
-}
+    "plate": re.compile(r"(^|[^a-z])(plate|table|turntable|stage|encoder|resolver|azimuth|angle)",
+                        re.I),
+    "heading": re.compile(r"(^|[^a-z])((true|ref|reference)[\s_.-]*(heading|hdg|azimuth|yaw)"
+                          r"|(heading|hdg|azimuth|yaw)[\s_.-]*(true|ref|reference))", re.I),
+}  # fmt: skip
+"""Names of columns beside the sensors'."""
+_WARM = (-90.0, 150.0), (183.0, 423.0)
+"""Temperatures that a sensor may have, degrees Celsius and kelvin."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +47,17 @@ class Columns:
     gyro: tuple[int, ...]
     accel: tuple[int, ...]
     time: tuple[int, ...]
-    temperature: int | None
     plate: int | None
+    """The one whose name is that of a plate's angle"""
+    others: tuple[int, ...]
+    """Numeric ones that are nothing of all this"""
     guesses: tuple[Guess, ...]
     """The keys of `LogConfig` that name them"""
+
+    @property
+    def alone(self) -> bool:
+        """Whether they are of one triad."""
+        return bool(self.gyro) != bool(self.accel)
 
 
 @dataclass(frozen=True)
@@ -66,15 +80,49 @@ def find(sheet: Sheet) -> Columns:
     numeric = list(_numeric(sheet))
     time, when = _time(sheet, says, numeric)
     others = {name: _named(sheet, name) for name in _OTHERS}
+    if others["plate"] == others["heading"]:
+        others["plate"] = None
     taken = {*time, *(at for at in others.values() if at is not None)}
     six, which = _by_name(sheet, says), None
+    gyros = 3
     if six is None:
-        six, which = _by_value(sheet, [c for c in numeric if c.at not in taken], says)
+        left_over = [c for c in numeric if c.at not in taken]
+        one = _one_triad(sheet, left_over, says)
+        six, which = _by_value(sheet, left_over, says) if one is None else one
+        gyros = 0 if which.key == "gyro_columns" else 3
     guesses = [which] if which is not None else []
     guesses += [when] if when is not None else []
+    guesses += _beside(sheet, numeric, others)
+    left = tuple(c.at for c in numeric if c.at not in taken and c.at not in six and not c.counts)
     return Columns(
-        tuple(six[:3]), tuple(six[3:]), time, others["temperature"], others["plate"], tuple(guesses)
+        tuple(six[:gyros]), tuple(six[gyros:]), time, others["plate"], left, tuple(guesses)
     )
+
+
+def _beside(
+    sheet: Sheet, numeric: Sequence[_Column], others: dict[str, int | None]
+) -> Iterator[Guess]:
+    """The columns of a temperature and of a reference heading, by their names, where their values
+    may be it."""
+    warm, heading = others["temperature"], others["heading"]
+    if warm is not None:
+        (values,), _ = sheet.head().columns([warm])
+        known = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+        if values.dtype.kind in "fi" and len(known) > 1:
+            low, high = float(known.min()), float(known.max())
+            if any(least <= low and high <= most for least, most in _WARM):
+                why = f"its name says so, and it is from {low:.4g} to {high:.4g}"
+                yield Guess("temperature_column", key(sheet, warm), why)
+    if heading is not None and heading in {c.at for c in numeric}:
+        doubt = "is it true north's, and the forward axis's?"
+        yield Guess("heading_column", key(sheet, heading), "its name says so", doubt)
+
+
+def key(sheet: Sheet, at: int) -> str | int:
+    """A column as a description has it: its name, or its position where that does not tell it."""
+    name = sheet.names[at]
+    plain = bool(name) and shown(name) == name and not name.isdigit()
+    return name if plain and sheet.names.count(name) == 1 else at + 1
 
 
 def named(sheet: Sheet, at: int) -> str:
@@ -118,6 +166,32 @@ def _by_name(sheet: Sheet, says: Sequence[Described]) -> list[int] | None:
     return six
 
 
+def _one_triad(
+    sheet: Sheet, columns: Sequence[_Column], says: Sequence[Described]
+) -> tuple[list[int], Guess] | None:
+    """The columns of the only triad, and the guess that there is no other: names tell one and none
+    of the other, and no columns without a name, or that have together 1 g, may be it. None where
+    that is not so."""
+    for kind, other, name in (
+        ("gyro", "accel", "accelerometers"),
+        ("accel", "gyro", "gyros"),
+    ):
+        own = [[at for at, said in enumerate(says) if (said.kind, said.axis) == (kind, axis)]
+               for axis in "xyz"]  # fmt: skip
+        if any(len(found) != 1 for found in own) or any(said.kind == other for said in says):
+            continue
+        at = [found[0] for found in own]
+        nameless = [c for c in columns if c.at not in at and not sheet.names[c.at]]
+        rest = [c for c in columns if c.at not in at]
+        hidden = kind == "gyro" and any(
+            _is_one_g(triad) for triad in zip(rest, rest[1:], rest[2:], strict=False)
+        )
+        if not nameless and not hidden:
+            why = f"no column is called one of {name}: noise of the other triad alone is fitted"
+            return at, Guess(f"{other}_columns", NONE, why)
+    return None
+
+
 def _by_value(
     sheet: Sheet, columns: Sequence[_Column], says: Sequence[Described]
 ) -> tuple[list[int], Guess]:
@@ -149,7 +223,8 @@ def _by_value(
         return six, Guess("columns", one, why)
     if not ways:
         none = "no three columns side by side have together 1 g beside three that may be gyros"
-        return [], Guess("columns", None, none, "which six are they?", sure=False)
+        doubt = "which six are they, or which three (log.gyro_columns with log.accel_columns=none)?"
+        return [], Guess("columns", None, none, doubt, sure=False)
     several = "; or ".join("[" + ",".join(str(at + 1) for at in six) + "]" for six in ways[:4])
     why = f"several may be: {several}"
     return [], Guess("columns", None, why, "which six are they?", sure=False)

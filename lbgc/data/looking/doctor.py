@@ -3,6 +3,7 @@ of that is a guess."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,30 +11,36 @@ import numpy as np
 
 from lbgc import outputs
 from lbgc.data import logs
+from lbgc.data.checks.moved import PLATE
 from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.looking import columns, sensor, stretch
+from lbgc.data.looking import columns, layout, sensor, stretch, turned
 from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
 from lbgc.data.readers import raw as readers
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.formats import files
-from lbgc.data.readers.formats.table import Collected
 from lbgc.data.readers.picked import picked
-from lbgc.data.readers.raw import Raw
-from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.data.readers.raw import Raw, plate_unit
+from lbgc.data.readers.sheets import Sheet
 from lbgc.data.record import Record
+from lbgc.data.rests import longest_rest
+from lbgc.data.two_clocks import interleaved
 from lbgc.earth import EARTH_RATE
-from lbgc.errors import InputError
+from lbgc.errors import InputError, require
 from lbgc.units import DEG
 
 _USUAL_HZ = 100.0
 """The rate that is taken to go on with, where none is found, Hz."""
 _RATES, _SHORTEST_S, _USUAL = (1.0, 5000.0), 10.0, ("s", "ms", "us", "ns")
 """Rates, Hz, least duration and units of clocks as people have them."""
+_PLATE = ("plate_column", "positions", "angles_deg")
+"""Keys that state a plate's angle."""
+_BESIDE = ("temperature_column", "heading_column", "plate_column", "positions", "angles_deg",
+           "gap_s")  # fmt: skip
+"""Keys of what is read beside the sensors."""
 _TO_OPEN = ("table", "dtype", "skip_bytes")
 """Keys without which some files have no columns."""
-_SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,14 @@ class Look:
     """What reading it noted"""
     refusal: InputError | None = None
     """Why it cannot be evaluated so; None where it can"""
+    one_triad: bool = False
+    """Whether it was read so far as its one triad's noise takes"""
+
+    @cached_property
+    def still(self) -> Record | None:
+        """The recording where it rests: all of it, or the longest rest of one whose plate turns"""
+        turns = self.record is not None and np.ptp(self.record.plate_angle) > PLATE
+        return longest_rest(self.record) if self.record is not None and turns else self.record
 
     @property
     def asks(self) -> list[Guess]:
@@ -64,7 +79,8 @@ class Look:
     @property
     def is_described(self) -> bool:
         """Whether all but a heading can be had from the description: a fit of its noise."""
-        return self.record is not None and all(guess.heading_only for guess in self.asks)
+        read = self.record is not None or self.one_triad
+        return read and all(guess.heading_only for guess in self.asks)
 
     @property
     def is_sure(self) -> bool:
@@ -77,6 +93,8 @@ class _Case:
     """What is known so far, while the file is examined."""
 
     said: Mapping[str, Any]
+    heading: bool = True
+    """Whether a heading is asked for"""
     facts: list[str] = field(default_factory=list)
     guesses: list[Guess] = field(default_factory=list)
     keys: dict[str, Any] = field(default_factory=dict)
@@ -97,12 +115,14 @@ class _Case:
         self.guesses.append(Guess(key, None, str(error), "which is it?", sure=False))
 
 
-def looked(path: Path, said: Mapping[str, Any]) -> Look:
-    """Examine a file. said : keys of `LogConfig` that the user states, with their values.
+def looked(path: Path, said: Mapping[str, Any], heading: bool = True) -> Look:
+    """Examine a file. said : keys of `LogConfig` that the user states, with their values; heading :
+    whether one is asked for. Where it is not, the file is described by its longest rest, and not
+    read by that description.
 
     Raises InputError where it is no file that any reader takes.
     """
-    case = _Case(said, keys={"path": str(path), **said})
+    case = _Case(said, heading, keys={"path": str(path), **said})
     name = outputs.shown(path.stem)
     case.keys.setdefault("name", name)
     special = _special(path)
@@ -116,6 +136,8 @@ def looked(path: Path, said: Mapping[str, Any]) -> Look:
         ready = _examined(path, case)
         if not ready:
             return Look(path, name, tuple(case.facts), tuple(case.guesses), case.keys)
+    if not heading:
+        return Look(path, name, tuple(case.facts), tuple(case.guesses), case.keys)
     return _read(path, name, case)
 
 
@@ -145,70 +167,36 @@ def _examined(path: Path, case: _Case) -> bool:
 
 def _found(own: Sheet, case: _Case) -> bool:
     """Find the keys of an opened table; whether there are enough to read it."""
-    case.facts.append(_layout(own))
+    case.facts.append(layout.kind(own))
     found = columns.find(own)
     named = "columns" in case.said or {"gyro_columns", "accel_columns"} <= case.said.keys()
     for guess in found.guesses:
         if not (named and guess.key == "columns"):
             case.note(guess)
-    if not found.gyro and not named:
+    if not (found.gyro or found.accel or named):
         return False
-    if found.gyro and not named:
-        case.facts.append(_which(own, found))
+    if not named:
+        case.facts.append(layout.which(own, found))
     trial = _kept(case.keys) | {"latitude": 0.0, "repeats": case.said.get("repeats", "auto")}
     trial |= {k: case.said.get(k, "auto") for k in ("gyro_unit", "accel_unit")}
-    trial |= {"axes": ["x", "y", "z"], "accel_axes": None}
+    trial |= {"axes": ["x", "y", "z"], "accel_axes": None} | dict.fromkeys(_BESIDE)
     try:
         raw = readers.of_sheet(own, case.keys["name"], LogConfig(**trial))
     except InputError as error:
         case.ask(error, ("columns",))
         return False
-    raw = replace(
-        raw, gyro=raw.gyro * raw.config.gyro_scale, accel=raw.accel * raw.config.accel_scale
-    )
+    about = "has rows of one triad each, which log=csv reads (log.path=FILE log.latitude=...)"
+    require(interleaved(raw) is None, "log.path", case.keys["name"], about)
+    raw = replace(raw, gyro=raw.config.counted("gyro", raw.gyro),
+                  accel=raw.config.counted("accel", raw.accel))  # fmt: skip
     means = _timed(raw, case)
-    _described(means, own, raw.config, case)
-    return not any(guess.value is None for guess in case.guesses)
+    _described(means, own, found, raw.config, case)
+    return all(guess.value is not None or guess.heading_only for guess in case.guesses)
 
 
 def _kept(keys: Mapping[str, Any]) -> dict[str, Any]:
     """The keys that a description may have already."""
     return {key: value for key, value in keys.items() if value is not None}
-
-
-def _layout(own: Sheet) -> str:
-    """What kind of file it is, a plain sentence."""
-    if isinstance(own.source, Collected):
-        table = own.source.table
-        return f"table {shown(table.name)}, of {table.rows} rows and {own.width} columns"
-    layout = getattr(own.source, "layout", None)
-    if layout is None:
-        return f"a Parquet file of {own.width} columns"
-    header = "a header" if own.has_header else "no header"
-    units = " and a row of units" if own.units else ""
-    before = f", its rows from line {layout.first + 1} on" if layout.first > 1 else ""
-    mark = ", with decimal commas" if layout.decimal == "," else ""
-    separator = _SEPARATORS.get(layout.separator, layout.separator)
-    return f"text of {own.width} columns between {separator}{mark}, {header}{units}{before}"
-
-
-def _which(own: Sheet, found: columns.Columns) -> str:
-    """Which columns are what, a plain sentence."""
-    parts = [
-        f"{kind} {', '.join(columns.named(own, at) for at in which)}"
-        for kind, which in (
-            ("gyro", found.gyro),
-            ("accelerometer", found.accel),
-            ("time", found.time),
-        )
-        if which
-    ]
-    parts += [
-        f"{kind} {columns.named(own, at)}"
-        for kind, at in (("temperature", found.temperature), ("plate angle", found.plate))
-        if at is not None
-    ]
-    return "; ".join(parts)
 
 
 def _timed(raw: Raw, case: _Case) -> Means:
@@ -238,7 +226,7 @@ def _timed(raw: Raw, case: _Case) -> Means:
     longest = max(clock.pieces, key=lambda piece: piece.stop - piece.start)
     count = longest.stop - longest.start
     case.facts.append(f"{count} samples at {clock.rate_hz:.6g} Hz, {count / clock.rate_hz:.6g} s")
-    return Means(raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz)
+    return Means(raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz, longest.start)
 
 
 def _usual_unit(raw: Raw, error: InputError, case: _Case) -> str | None:
@@ -261,10 +249,45 @@ def _usual_unit(raw: Raw, error: InputError, case: _Case) -> str | None:
     return unit
 
 
-def _described(means: Means, own: Sheet, config: LogConfig, case: _Case) -> None:
-    """Find where it rests, its units and its axes."""
+def _described(
+    means: Means, own: Sheet, found: columns.Columns, config: LogConfig, case: _Case
+) -> None:
+    """Find where it rests, its units, its axes, and how a plate turned it."""
+    means = _as_said(means, case.said)
     still = stretch.rest(means.gyro, means.accel, means.rate_hz)
-    first, last = still.first / means.rate_hz, still.last / means.rate_hz
+    rest = means.part(still.first, still.last)
+    says = picked(own, config)
+    latitude = None if (given := case.said.get("latitude")) is None else given * DEG
+    accel = gyro = None
+    if "accel" in config.recorded:
+        accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
+    if "gyro" in config.recorded:
+        gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
+    if "latitude" not in case.said and len(config.recorded) == 2:
+        why = "" if gyro is None else sensor.latitude(rest, gyro)
+        doubt = "where was it recorded?"
+        case.note(Guess("latitude", None, why, doubt, sure=False, heading_only=True))
+    if accel is not None and gyro is not None:
+        if "axes" not in case.said:
+            for guess in sensor.axes(rest, gyro, latitude):
+                case.note(guess)
+        if case.heading and _turned(means, still, own, found, gyro, case):
+            return
+    _cut(still, means, case)
+
+
+def _as_said(means: Means, said: Mapping[str, Any]) -> Means:
+    """The values between the times that the user states."""
+    first = max(0, round(said.get("from_s", 0.0) * means.rate_hz) - means.first)
+    last = len(means.gyro)
+    if (to_s := said.get("to_s")) is not None:
+        last = min(last, round(to_s * means.rate_hz) - means.first)
+    return means.part(first, last) if last - first > 1 else means
+
+
+def _cut(still: stretch.Stretch, means: Means, case: _Case) -> None:
+    """Describe where it rests: its longest stretch."""
+    first, last = ((means.first + row) / means.rate_hz for row in (still.first, still.last))
     if still.last - still.first < len(means.gyro):
         if still.first:
             case.note(Guess("from_s", round(first, 3), f"it moves until {first:.6g} s"))
@@ -273,20 +296,47 @@ def _described(means: Means, own: Sheet, config: LogConfig, case: _Case) -> None
         case.facts.append(f"it rests from {first:.6g} to {last:.6g} s, its longest stretch")
     elif still.moving_s:
         case.facts.append(f"it rests but for {still.moving_s:.3g} s of knocks or motion")
-    rest = replace(means, gyro=means.gyro[still.first : still.last],
-                   accel=means.accel[still.first : still.last])  # fmt: skip
-    says = picked(own, config)
-    latitude = None if (given := case.said.get("latitude")) is None else given * DEG
-    accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
-    gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
-    if "latitude" not in case.said:
-        why = "" if gyro is None else sensor.latitude(rest, gyro)
-        case.note(Guess("latitude", None, why, "where was it recorded?", sure=False))
-    if accel is None or gyro is None:
-        return
-    if "axes" not in case.said:
-        for guess in sensor.axes(rest, gyro, latitude):
-            case.note(guess)
+
+
+def _turned(
+    means: Means, still: stretch.Stretch, own: Sheet, found: columns.Columns, unit: str, case: _Case
+) -> bool:
+    """Find how a plate turned it: whether a column or the user states the angles, so that it is
+    read whole. Turns that no column has are asked about. unit : of the gyros."""
+    if any(case.said.get(key) is not None for key in _PLATE):
+        return True
+    axes = case.keys["axes"]
+    felt = turned.course(means, still, unit, axes)
+    rows = slice(means.first, means.first + len(means.gyro))
+    by_name = found.plate is not None
+    for at in [found.plate] if by_name else found.others if felt.is_turned else ():
+        assert at is not None
+        (values,), _ = own.columns([at])
+        name, key = columns.named(own, at), columns.key(own, at)
+        plate = None
+        if values.dtype.kind in "fi":
+            stated = plate_unit(own, at)
+            plate = turned.plate(name, key, values[rows], means, felt, unit, axes, stated)
+        if plate is not None:
+            for guess in plate:
+                case.note(guess)
+            return True
+        if by_name and np.ptp(values[rows]) > 0:
+            case.facts.append(f"{name} does not turn as the gyros do: it is not used")
+    if not felt.is_turned:
+        return False
+    where = means.first / means.rate_hz
+    list_of = [[a + where, b + where, c] for a, b, c in felt.positions(means.rate_hz)]
+    written = ",".join("[" + ",".join(f"{v:.10g}" for v in each) + "]" for each in list_of)
+    turns = ", ".join(f"{turn / DEG:+.1f}" for turn in felt.turns)
+    why = (
+        f"its gyros felt turns of {turns} deg about the vertical from rest to rest, and no column "
+    )
+    why += "has them"
+    doubt = f"if a plate turned it so, clockwise from above: log.positions=[{written}]; or "
+    doubt += f"log.from_s={list_of[0][0]:g} log.to_s={list_of[0][1]:g} for its first rest alone."
+    case.note(Guess("positions", None, why, doubt, sure=False, heading_only=True))
+    return False
 
 
 def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
@@ -298,34 +348,40 @@ def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
     return str(found.value) if found.sure else None
 
 
-def _read(path: Path, name: str, case: _Case) -> Look:
-    """Read the file by what was found, as every command would."""
+def _read(path: Path, name: str, case: _Case, found: list[logs.Recording] | None = None) -> Look:
+    """Read the file by what was found, as every command would. found : what was read so already."""
     keys = {k: v for k, v in case.keys.items() if v is not None}
     look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
-    north = "latitude" in keys or keys["reader"] == "psins"
-    refusal = None
+    config, refusal = LogConfig(**keys), None
+    try:
+        alone = logs.read_noise(config) if len(config.recorded) == 1 else []
+        said = tuple(dict.fromkeys(note for own in alone for one in own for note in one.notes))
+        look = replace(look, one_triad=bool(alone), notes=said)
+        found = logs.unchecked(config) if found is None else found
+    except InputError as error:
+        return replace(look, refusal=error.with_traceback(None))
+    north = all(np.isfinite(own.record.latitude) for own in found)
     for asked in (True, False) if north else (False,):
         try:
-            records = list(logs.read(LogConfig(**({"latitude": 45.0} | keys)), north=asked))
+            records = logs.checked(found, config, north=asked)
         except InputError as error:
             if error.name == "log.most_bias_deg_per_h" and "most_bias_deg_per_h" not in case.keys:
-                return _read_biased(look, case)
-            refusal = refusal or error
+                return _read(path, name, case, _biased(found, config, case))
+            refusal = refusal or error.with_traceback(None)  # which would hold the recordings
             continue
         record = max(records, key=lambda own: len(own.gyro))
-        notes = record.notes if north else ()
-        return replace(look, record=record, notes=tuple(notes), refusal=refusal)
+        return replace(look, record=record, notes=record.notes, refusal=refusal)
     return replace(look, refusal=refusal)
 
 
-def _read_biased(look: Look, case: _Case) -> Look:
-    """Read a file whose bias exceeds what is taken as possible: the description says how large it
-    may be, and the doubt what that means."""
-    (record, *_) = logs.read(LogConfig(**look.keys), north=False)
+def _biased(found: list[logs.Recording], config: LogConfig, case: _Case) -> list[logs.Recording]:
+    """The recordings of a file whose bias exceeds what is taken as possible: the description says
+    how large it may be, and the doubt what that means."""
+    record = logs.checked(found, config, north=False)[0]
     off = sensor.least_bias(record.gyro.mean(0), record.accel.mean(0), record.latitude)
     most = float(f"{1.5 * off * PER_HOUR:.1g}")
     horizontal = EARTH_RATE * np.cos(record.latitude) * PER_HOUR
     why = f"its bias is {off * PER_HOUR:.4g} deg/h at the least, beside Earth's horizontal "
     why += f"{horizontal:.3g}: at rest it hides north, a turn of the plate takes it out"
     case.note(Guess("most_bias_deg_per_h", most, why))
-    return _read(look.path, look.name, case)
+    return [replace(own, config=replace(own.config, most_bias_deg_per_h=most)) for own in found]

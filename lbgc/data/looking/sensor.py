@@ -5,6 +5,7 @@ Every description that a log may have is held against the same two vectors as th
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from lbgc.data.checks.plausible import (
 from lbgc.data.looking.columns import unit_of_force
 from lbgc.data.looking.guess import Guess
 from lbgc.data.readers.axes import spelled
+from lbgc.data.readers.blocks import some
 from lbgc.earth import EARTH_RATE
 from lbgc.units import DEG, force_factor, rate_factor
 
@@ -53,6 +55,27 @@ class Means:
     accel: np.ndarray
     """(T, 3), as printed"""
     rate_hz: float
+    first: int = 0
+    """The file's row that these begin with"""
+
+    def part(self, first: int, last: int) -> "Means":
+        """Those of some rows alone."""
+        return Means(self.name, self.gyro[first:last], self.accel[first:last], self.rate_hz,
+                     self.first + first)  # fmt: skip
+
+    @cached_property
+    def rate(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """The gyros' mean and its noise, (3,) each, and how far it wanders, as printed."""
+        return self.gyro.mean(axis=0), mean_noise(self.gyro), unsteady(self.gyro)
+
+    @cached_property
+    def noise(self) -> float:
+        """1 sigma of the noisiest gyro's noise from sample to sample, as printed."""
+        values, noise = some(self.gyro), 0.0
+        for steps in np.abs(np.diff(values, axis=0)).T:
+            moved = steps[steps > 0]  # a sample may be printed several times
+            noise = max(noise, float(np.median(moved)) / 0.6745 / np.sqrt(2) if len(moved) else 0.0)
+        return noise
 
 
 def gyro_unit(log: Means, stated: str | None, latitude: float | None) -> Guess:
@@ -90,12 +113,7 @@ def _may_be(log: Means, unit: str) -> bool:
 def _walk(log: Means, unit: str) -> float:
     """The angle random walk, deg/sqrt(h), that the gyros' noise from sample to sample would be, of
     the noisiest axis."""
-    noise = 0.0
-    for values in log.gyro.T:
-        steps = np.abs(np.diff(values))
-        steps = steps[steps > 0]  # a sample may be printed several times
-        noise = max(noise, float(np.median(steps)) / 0.6745 / np.sqrt(2) if len(steps) else 0.0)
-    return noise * rate_factor(unit, log.rate_hz) / DEG * 60 / float(np.sqrt(log.rate_hz))
+    return log.noise * rate_factor(unit, log.rate_hz) / DEG * 60 / float(np.sqrt(log.rate_hz))
 
 
 def _odds(log: Means, units: list[str], latitude: float | None) -> dict[str, float]:
@@ -114,10 +132,11 @@ def _odds(log: Means, units: list[str], latitude: float | None) -> dict[str, flo
 def resting(log: Means, unit: str, latitude: float) -> Resting:
     """The means as the checks take them, in this unit, along the file's axes. Every bias that a
     gyro may have is possible."""
-    gyro = log.gyro * rate_factor(unit, log.rate_hz)
-    force = log.accel.mean(axis=0)
+    factor = rate_factor(unit, log.rate_hz)
+    rate, noise, wanders = log.rate
     return Resting(
-        *(log.name, gyro.mean(axis=0), mean_noise(gyro), None, force, latitude, unsteady(gyro)),
+        *(log.name, factor * rate, factor * noise, None, log.accel.mean(axis=0), latitude),
+        factor * wanders,
         limit=_MOST_BIAS * DEG,
     )
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lbgc.data.readers.blocks import ROWS, blocks
+
 _BLOCK_S = 1.0
 """Length of the blocks that are judged, s."""
 _FEWEST = 16
@@ -15,6 +17,10 @@ _FAR = 8.0
 on it moves."""
 _BLIP = 3
 """Blocks that a knock takes, at most, without ending a stretch."""
+_TURNS = 0.03
+"""Share of the fastest motion's rate by which the rates of two rests differ at most."""
+_SHAKES = 0.5
+"""The turn that a knock leaves, over the noise within it, at most."""
 _MOST = 0.02
 """The share of the log that the rest must lack for it to be cut."""
 
@@ -29,37 +35,50 @@ class Stretch:
     """The row after the last one"""
     moving_s: float
     """How long it moves in the whole log, s"""
+    rests: tuple[tuple[int, int], ...] = ()
+    """Every stretch of rest, as its first row and the row after its last, where there are more"""
 
 
 def rest(gyro: np.ndarray, accel: np.ndarray, rate_hz: float) -> Stretch:
-    """The longest stretch of rest. gyro, accel : (T, 3), in any unit; rate_hz : Hz."""
+    """The longest stretch of rest. gyro, accel : (T, 3), in any unit, or (T, 0) where one was not
+    recorded; rate_hz : Hz."""
+    gyro, accel = gyro if gyro.shape[1] else accel, accel if accel.shape[1] else gyro
     size = max(1, round(_BLOCK_S * rate_hz))
     count = len(gyro) // size
     whole = Stretch(0, len(gyro), 0.0)
     if count < _FEWEST:
         return whole
-    still = np.ones(count, dtype=bool)
-    for values in (gyro, accel):
-        still &= _quiet(values[: size * count].reshape(count, size, 3))
+    rate, noise = _means(gyro, size, count)
+    still = _quiet(rate, noise) & _quiet(*_means(accel, size, count))
     moves = ~still
     if not moves.any():
         return whole
-    runs = _runs(still)
+    runs = _joined(_at_rest(_runs(still), rate), rate, noise)
     first, last = max(runs, key=lambda run: run[1] - run[0], default=(0, count))
     if last - first > (1 - _MOST) * count:
         return Stretch(0, len(gyro), float(moves.sum()) * size / rate_hz)
     end = len(gyro) if last == count else last * size
-    return Stretch(first * size, end, float(moves.sum()) * size / rate_hz)
+    rests = tuple((a * size, len(gyro) if b == count else b * size) for a, b in runs)
+    return Stretch(first * size, end, float(moves.sum()) * size / rate_hz, rests)
 
 
-def _quiet(blocks: np.ndarray) -> np.ndarray:
-    """Whether blocks (K, n, 3) are as quiet as most, and their means where most are: (K,).
+def _means(values: np.ndarray, size: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The means of blocks of so many of the values (T, 3), and the standard deviations within them,
+    (count, 3) each; of single values, that from the one before."""
+    mean, noise = np.empty((count, 3)), np.empty((count, 3))
+    for own in blocks(count, max(1, ROWS // size)):
+        part = values[own.start * size : own.stop * size].reshape(-1, size, 3)
+        mean[own], noise[own] = part.mean(axis=1), part.std(axis=1)
+    return mean, noise if size > 1 else np.abs(np.diff(mean, axis=0, prepend=0))
+
+
+def _quiet(mean: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Whether blocks are as quiet as most, and their means (K, 3) where most are: (K,). noise :
+    (K, 3), within them.
 
     The usual noise is the lower quartile's, so that a log which moves half of the time is judged by
     its rest. Slow noise lets means wander; blocks close in time are compared, not all with one.
     """
-    mean = blocks.mean(axis=1)
-    noise = blocks.std(axis=1) if blocks.shape[1] > 1 else np.abs(np.diff(mean, axis=0, prepend=0))
     usual = np.quantile(noise, 0.25, axis=0)
     usual = np.where(usual > 0, usual, noise.mean(axis=0))
     loud = np.any(noise > _LOUD * usual + 1e-300, axis=1)
@@ -69,14 +88,36 @@ def _quiet(blocks: np.ndarray) -> np.ndarray:
     return np.asarray(~(loud | jumps))
 
 
+def _at_rest(runs: list[tuple[int, int]], rate: np.ndarray) -> list[tuple[int, int]]:
+    """The stretches without those of an even turn: their mean rates differ from that of the stretch
+    which turns least, by a share of the fastest motion. rate : (K, 3), means of blocks."""
+    means = [rate[first:last].mean(axis=0) for first, last in runs]
+    if len(means) < 2:
+        return runs
+    rest = min(means, key=lambda mean: float(np.linalg.norm(mean)))
+    most = _TURNS * float(np.linalg.norm(rate - rest, axis=1).max())
+    near = (float(np.linalg.norm(mean - rest)) < most for mean in means)
+    return [run for run, is_near in zip(runs, near, strict=True) if is_near]
+
+
 def _runs(still: np.ndarray) -> list[tuple[int, int]]:
-    """Stretches of still blocks, (first, after the last); single knocks do not end one."""
+    """Stretches of still blocks, (first, after the last)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _joined(
+    runs: list[tuple[int, int]], rate: np.ndarray, noise: np.ndarray
+) -> list[tuple[int, int]]:
+    """The stretches with those joined that single knocks part: a knock shakes, and leaves no turn
+    behind it. rate, noise : (K, 3), means of blocks and standard deviations within them."""
     joined: list[tuple[int, int]] = []
     for first, last in runs:
         if joined and first - joined[-1][1] <= _BLIP:
-            joined[-1] = (joined[-1][0], last)
-        else:
-            joined.append((first, last))
-    return [(int(first), int(last)) for first, last in joined]
+            begin, end = joined[-1]
+            turn = (rate[end:first] - rate[begin:end].mean(axis=0)).sum(axis=0)
+            if np.linalg.norm(turn) < _SHAKES * np.linalg.norm(noise[end:first]):
+                joined[-1] = (begin, last)
+                continue
+        joined.append((first, last))
+    return joined

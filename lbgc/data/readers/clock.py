@@ -53,6 +53,8 @@ def since_first(stamps: np.ndarray) -> tuple[np.ndarray, int]:
     counters and times of day do. stamps : (T,), whole numbers or floats. Returns float64, exact
     where stamps are whole."""
     relative = np.asarray(stamps - stamps[0], dtype=float)
+    if not (relative[1:] < relative[:-1]).any():
+        return relative, 0
     steps = np.diff(relative)
     back = steps[steps < 0]
     forward = steps[steps > 0]

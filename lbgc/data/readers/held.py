@@ -5,6 +5,7 @@ Values repeat by chance as well, where counts are coarse. The two are told apart
 axes repeat together: by chance that is the product of how often each one does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,17 +32,15 @@ _CHANCE = 0.01
 
 @dataclass(frozen=True)
 class Holds:
-    """How the rows of a log (gyro x, y, z, accelerometer x, y, z) repeat."""
+    """How the rows of a log's triads, gyros, accelerometers or both, repeat."""
 
     columns: tuple[int, ...]
     """The number of rows for which each column regularly holds a sample; 1 where it does not hold
     it"""
-    gyro_share: float
-    """Share of rows at which the gyros hold their sample irregularly"""
-    accel_share: float
-    """The same share of the accelerometers"""
+    shares: dict[str, float]
+    """Share of rows at which each triad holds its sample irregularly, by its name in messages"""
     chance: float
-    """Share of samples at which all six columns repeat by chance"""
+    """Share of samples at which all columns repeat by chance"""
 
     @property
     def times(self) -> int:
@@ -51,47 +50,53 @@ class Holds:
     @property
     def irregular(self) -> bool:
         """Whether so many rows are held irregularly that it matters."""
-        return max(self.gyro_share, self.accel_share) > LEAST_SHARE
+        return max(self.shares.values()) > LEAST_SHARE
 
     @property
     def can_drop(self) -> bool:
         """Whether dropping rows that repeat leaves the sensor's own samples."""
-        together = abs(self.gyro_share - self.accel_share) < 0.02
+        together = max(self.shares.values()) - min(self.shares.values()) < 0.02
         return together and self.chance < _CHANCE and min(self.columns) == max(self.columns)
 
 
-def holds(rows: np.ndarray) -> Holds:
-    """Find how rows (T, 6) repeat."""
-    columns = _regular(rows[1:] == rows[:-1])
-    (gyro, one), (accel, two) = (
-        _share(rows[:, part]) if set(columns[part]) == {1} else (0.0, 0.0)
-        for part in (slice(0, 3), slice(3, 6))
-    )
-    return Holds(columns, gyro, accel, one * two)
+def holds(gyro: np.ndarray, accel: np.ndarray) -> Holds:
+    """Find how the rows of two triads, (T, 3) each, or (T, 0) for one that was not recorded,
+    repeat."""
+    triads = {
+        name: own for name, own in (("gyros", gyro), ("accelerometers", accel)) if own.shape[1]
+    }
+    columns = _regular([own[1:] == own[:-1] for own in triads.values()])
+    shares = {
+        name: _share(own) if set(columns[3 * k : 3 * k + 3]) == {1} else (0.0, 0.0)
+        for k, (name, own) in enumerate(triads.items())
+    }
+    chance = float(np.prod([chance for _, chance in shares.values()]))
+    return Holds(columns, {name: share for name, (share, _) in shares.items()}, chance)
 
 
-def _regular(same: np.ndarray) -> tuple[int, ...]:
-    """The number of rows for which each column holds a sample, from whether its values repeat
-    (T - 1, C). A column that hardly changes is taken like the others."""
-    found = [_times(np.flatnonzero(~same[:, column])) for column in range(same.shape[1])]
+def _regular(same: Sequence[np.ndarray]) -> tuple[int, ...]:
+    """The number of rows for which each column holds a sample, from whether its values repeat, for
+    each triad (T - 1, 3). A column that hardly changes is taken like the others."""
+    found = [_times(~own[:, column]) for own in same for column in range(own.shape[1])]
     known = [times for times in found if times is not None]
     others = max(set(known), key=known.count) if known else 1
     return tuple(others if times is None else times for times in found)
 
 
 def _times(changes: np.ndarray) -> int | None:
-    """The number of rows for which a column holds a sample, from the rows (C,) at which it changes;
-    None where these are too few.
+    """The number of rows for which a column holds a sample, from whether it changes at each row but
+    the first, (T - 1,); None where changes are too few.
 
     The lengths of runs of equal values are whole multiples of that number, since samples may be
     equal by chance, except for a few where rows were lost.
     """
-    if len(changes) < FEWEST_CHANGES:
+    count = int(np.count_nonzero(changes))
+    if count < FEWEST_CHANGES:
         return None
-    runs = np.diff(changes)
+    if np.count_nonzero(changes[1:] & changes[:-1]) > (1 - _ALIKE) * (count - 1):
+        return 1  # too many change from one row to the next
+    runs = np.diff(np.flatnonzero(changes))
     lengths, counts = np.unique(runs, return_counts=True)
-    if np.mean(runs == 1) > 1 - _ALIKE:
-        return 1
     candidates = [int(n) for n in lengths if 1 < n <= _MOST]
     candidates += [d for n in candidates for d in range(2, n) if n % d == 0 and n <= 64]
     for times in sorted(set(candidates), reverse=True):

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from lbgc.data.logconfig import ACCEL_UNITS, DEFAULT_ACCEL, DEFAULT_GYRO, GYRO_UNITS, LogConfig
+from lbgc.data.logconfig import (
+    ACCEL_UNITS,
+    DEFAULT_ACCEL,
+    DEFAULT_GYRO,
+    GYRO_UNITS,
+    NONE,
+    LogConfig,
+)
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
 from lbgc.data.readers.sheets import Sheet, shown
@@ -13,8 +20,7 @@ from lbgc.errors import InputError, require
 
 _SENSORS = ("log.columns", "log.gyro_columns", "log.accel_columns", "columns")
 """Keys of the sensors' columns."""
-NONE = "none"
-"""The value of `time_column` with which no time column is used."""
+_USUAL = {"gyro": DEFAULT_GYRO, "accel": DEFAULT_ACCEL}
 
 
 @dataclass(frozen=True)
@@ -22,9 +28,9 @@ class Picked:
     """The columns that are read, by position counted from zero, and their units."""
 
     gyro: tuple[int, ...]
-    """The gyros' columns, x, y and z"""
+    """The gyros' columns, x, y and z; empty where there are none"""
     accel: tuple[int, ...]
-    """The accelerometers' columns, x, y and z"""
+    """The accelerometers' columns, likewise"""
     time: tuple[int, ...]
     """The time column, or the two of whole seconds and nanoseconds; empty where there is none"""
     gyro_unit: str | None
@@ -40,22 +46,29 @@ class Picked:
     """The time column's name in messages"""
 
 
-def picked(sheet: Sheet, config: LogConfig) -> Picked:
+def picked(sheet: Sheet, config: LogConfig, parts: Sequence[str] | None = None) -> Picked:
     """Choose the columns to read, by the names or positions in the configuration, or else by the
-    meaning of the columns' names. Raises InputError where a column is missing or ambiguous."""
+    meaning of the columns' names. parts : the triads that this sheet has; None: all that were
+    recorded. Raises InputError where a column is missing or ambiguous."""
     says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
-    six = _six(sheet, config, says)
+    parts = config.recorded if parts is None else parts
+    given = {kind: _given(config, kind) if kind in parts else [] for kind in _USUAL}
+    alone = len(parts) == 1
+    at = {k: _triad(sheet, config, k, says, alone) if k in parts else [] for k in _USUAL}
     time = _time(sheet, config, says)
-    given = config.columns or [*config.gyro_columns, *config.accel_columns]
-    by_name = [
-        None if _is_position(name) else says[at] for name, at in zip(given, six, strict=True)
-    ]
+    by_name = {
+        kind: [
+            None if _is_position(name) else says[column]
+            for name, column in zip(given[kind], at[kind], strict=True)
+        ]
+        for kind in _USUAL
+    }
     return Picked(
-        tuple(six[:3]),
-        tuple(six[3:]),
+        tuple(at["gyro"]),
+        tuple(at["accel"]),
         time,
-        _common_unit(by_name[:3], GYRO_UNITS),
-        _common_unit(by_name[3:], ACCEL_UNITS),
+        _common_unit(by_name["gyro"], GYRO_UNITS),
+        _common_unit(by_name["accel"], ACCEL_UNITS),
         None if len(time) != 1 or says[time[0]].unit not in TIME_UNITS else says[time[0]].unit,
         config.time_column is not None,
         " and ".join(shown(sheet.names[at]) or f"number {at + 1}" for at in time),
@@ -120,32 +133,42 @@ def _by_position(sheet: Sheet) -> str:
     )
 
 
-def _six(sheet: Sheet, config: LogConfig, says: Sequence[Described]) -> list[int]:
-    """The positions of the six sensor columns, gyros first."""
+def _given(config: LogConfig, kind: str) -> list[Any]:
+    """The columns of a triad (gyro or accel) as the configuration names them."""
     if config.columns is not None:
-        return named(sheet, "log.columns", config.columns)
-    six = []
-    for kind, names, usual in (
-        ("gyro", config.gyro_columns, DEFAULT_GYRO),
-        ("accel", config.accel_columns, DEFAULT_ACCEL),
-    ):
-        key = f"log.{kind}_columns"
-        if list(names) == list(usual) and not set(usual) & set(sheet.names):
-            six += [_described(sheet, key, names[i], kind, "xyz"[i], says) for i in range(3)]
-        else:
-            six += named(sheet, key, names)
-    return six
+        return config.columns[:3] if kind == "gyro" else config.columns[3:]
+    return list(getattr(config, f"{kind}_columns"))
+
+
+def _triad(
+    sheet: Sheet, config: LogConfig, kind: str, says: Sequence[Described], alone: bool
+) -> list[int]:
+    """The positions of a triad's columns, x, y and z. A table of one triad alone may call them just
+    that."""
+    names, usual = _given(config, kind), _USUAL[kind]
+    if config.columns is not None:
+        return named(sheet, "log.columns", names)
+    key = f"log.{kind}_columns"
+    if names != list(usual) or set(usual) & set(sheet.names):
+        return named(sheet, key, names)
+    if alone and not any(own.kind in _USUAL for own in says) and set("xyz") <= set(sheet.names):
+        return named(sheet, key, "xyz")
+    return [_described(sheet, key, kind, i, says, alone) for i in range(3)]
 
 
 def _described(
-    sheet: Sheet, key: str, name: str, kind: str, axis: str, says: Sequence[Described]
+    sheet: Sheet, key: str, kind: str, at: int, says: Sequence[Described], alone: bool
 ) -> int:
     """The position of the one column whose name means this sensor (gyro or accel) and axis."""
+    name, axis = _USUAL[kind][at], "xyz"[at]
     found = [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
     if len(found) == 1:
         return found[0]
     if not found:
-        raise InputError(key, name, "", f"is no column of {sheet.file}; {_has(sheet)}")
+        other = not alone and any(own.kind in _USUAL and own.kind != kind for own in says)
+        hint = f"; {key}={NONE} where that triad was not recorded: the other's noise can be fitted"
+        about = f"is no column of {sheet.file}; {_has(sheet)}{hint if other else ''}"
+        raise InputError(key, name, "", about)
     which = ", ".join(shown(sheet.names[at]) for at in found)
     raise InputError(
         key, name, "", f"is no column of {sheet.file}, and {which} could each be the {kind}'s "

@@ -6,16 +6,20 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lbgc import outputs
-from lbgc.data.logconfig import PLATE_UNITS, LogConfig
+from lbgc.data.logconfig import NONE, PLATE_UNITS, LogConfig
+from lbgc.data.readers.blocks import blocks
 from lbgc.data.readers.clock import Said
 from lbgc.data.readers.column_names import described, unit
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import Picked, named, picked
-from lbgc.data.readers.sheets import Sheet, require_size, sheet, shown
+from lbgc.data.readers.rows import of_one_sensor, rows_key, within
+from lbgc.data.readers.sheets import Sheet, shown
+from lbgc.data.readers.texts import require_size, sheet
 from lbgc.data.readers.timing import stamps_of
 from lbgc.errors import InputError, reading, require
 
@@ -37,9 +41,9 @@ class Raw:
     name: str
     """The recording's name in messages"""
     gyro: np.ndarray
-    """(T, 3), as printed"""
+    """(T, 3), as printed; (T, 0) where no gyros were recorded"""
     accel: np.ndarray
-    """(T, 3), as printed"""
+    """(T, 3), as printed, likewise"""
     config: LogConfig
     """The configuration, completed by the file's header or name."""
     stamps: np.ndarray | None = None
@@ -89,10 +93,53 @@ def only_file(path: Path, named: object) -> Path:
 
 def _table(path: Path, config: LogConfig) -> Iterator[Raw]:
     """The reader `table`: the one recording in a file of columns, of any format that is read."""
-    place = path if files.is_bag_directory(path) else only_file(path, config.path)
-    with files.opened(place, config) as own:
-        raw = of_sheet(own, outputs.shown(path.stem), config)
-    yield raw
+    yield _of_table(path, config, config, config.recorded)
+
+
+def _of_table(path: Path, opening: LogConfig, config: LogConfig, parts: Sequence[str]) -> Raw:
+    """What a file holds of these triads. opening : by which the file's table is chosen."""
+    place = path if files.is_bag_directory(path) else only_file(path, opening.path)
+    with files.opened(place, opening) as own:
+        return of_sheet(own, outputs.shown(path.stem), config, parts)
+
+
+def triads_apart(config: LogConfig) -> tuple[Raw, Raw]:
+    """The gyros and the accelerometers of one recording, each from its own file or table. Columns
+    that stand beside the sensors' are read with the gyros."""
+    gyro = replace(config, accel_path=None, accel_table=None, accel_columns=NONE,
+                   accel_time_column=None, accel_late_s=0.0, accel_rows=None)  # fmt: skip
+    path = config.path if config.accel_path is None else config.accel_path
+    own_time = config.accel_time_column
+    accel = replace(
+        gyro,
+        path=path,
+        table=config.accel_table or config.table,
+        time_column=config.time_column if own_time is None else own_time,
+        gyro_columns=NONE,
+        accel_columns=config.accel_columns,
+        plate_column=None,
+        heading_column=None,
+        temperature_column=None,
+    )
+    first, second = (
+        _of_table(find(str(own.path)), own, replace(config, **_beside(own)), own.recorded)
+        for own in (gyro, accel)
+    )
+    return first, second
+
+
+def _beside(config: LogConfig) -> dict[str, Any]:
+    """The keys of the columns that a table of one triad is read with beside its own."""
+    keys = ("time_column", "plate_column", "heading_column", "temperature_column")
+    return {key: getattr(config, key) for key in keys}
+
+
+def is_of_headings(path: Path) -> bool:
+    """Whether a directory holds CSV files alone whose names end with headings."""
+    every = outputs.listed(path, "*")
+    return bool(every) and all(
+        own.suffix == ".csv" and _HEADING_IN_NAME.search(own.stem) is not None for own in every
+    )
 
 
 def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
@@ -112,30 +159,37 @@ def _recordings(path: Path, config: LogConfig) -> Iterator[Raw]:
         yield of_sheet(own, outputs.shown(file.name), replace(config, heading_deg=heading))
 
 
-def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
-    """The recording in a sheet of named columns."""
-    which = picked(own, config)
+def of_sheet(own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | None = None) -> Raw:
+    """The recording in a sheet of named columns. parts : the triads that it has; None: all that
+    were recorded."""
+    which = picked(own, config, parts)
+    of_rows = rows_key(config.recorded if parts is None else parts)
+    marks = getattr(config, of_rows)
+    marked = [] if marks is None else named(own, f"log.{of_rows}", marks[:1])
     beside = {
         key: named(own, f"log.{key}", [getattr(config, key)])[0]
         for key in ("plate_column", "heading_column", "temperature_column")
         if getattr(config, key) is not None
     }
-    wanted = [*which.gyro, *which.accel, *which.time, *beside.values()]
-    values, notes = own.columns(wanted)
     key = "log.columns" if config.columns is not None else None
-    keys = [key or f"log.{kind}_columns" for kind in ["gyro"] * 3 + ["accel"] * 3]
-    places, times = [*which.gyro, *which.accel], values[6 : 6 + len(which.time)]
+    keys = dict.fromkeys(which.gyro, key or "log.gyro_columns")
+    keys |= dict.fromkeys(which.accel, key or "log.accel_columns")
+    (gyro, accel), values, notes = own.together(
+        [which.gyro, which.accel], [*which.time, *beside.values(), *marked],
+        lambda at, column: _numbers(own, keys[at], at, column),
+    )  # fmt: skip
+    (gyro, accel, *values), left_out = within(config.rows, [gyro, accel, *values], own.file)
+    notes += left_out
+    if marked:
+        gyro, accel, *values = of_one_sensor([gyro, accel, *values], own.file, of_rows, marks)
+    times = values[: len(which.time)]
     angles = {
-        own_key: _numbers(own, f"log.{own_key}", at, values[wanted.index(at)])
-        for own_key, at in beside.items()
+        own_key: _numbers(own, f"log.{own_key}", at, column)
+        for (own_key, at), column in zip(beside.items(), values[len(which.time) :], strict=False)
     }
     warmth = angles.pop("temperature_column", None)  # which may lack some values
     for own_key, column in angles.items():
         require_finite(name, column[:, None], [own_key.removesuffix("_column")])
-    del values[6:]
-    rows = np.empty((6, len(values[0]))).T
-    for at in range(6):  # each column is let go when it has been copied
-        rows[:, at] = _numbers(own, keys[at], places[at], values.pop(0))
     config = _with_units(which, config, name)
     if "plate_column" in beside:
         config = _with_plate_unit(own, beside["plate_column"], config, name)
@@ -143,8 +197,7 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         notes.append(f"rate: {name}'s comments state {own.rate_hz:g} Hz, which was taken")
         config = replace(config, rate_hz=own.rate_hz)
     plate, heading = angles.get("plate_column"), angles.get("heading_column")
-    raw = Raw(name, rows[:, :3], rows[:, 3:], config, notes=tuple(notes), plate=plate,
-              heading=heading,
+    raw = Raw(name, gyro, accel, config, notes=tuple(notes), plate=plate, heading=heading,
               temperature=None if warmth is None else temperatures(warmth))  # fmt: skip
     if not which.time:
         return raw
@@ -155,7 +208,7 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
             raise
         return replace(raw, notes=(*notes, f"time: not used, since {error.value} {error.choices}"))
     exact = len(times) == 2 or times[0].dtype.kind in "mMO"
-    require_finite(name, np.asarray(stamps, float)[:, None], ["time"])
+    require_finite(name, stamps[:, None], ["time"])
     said = Said(
         "auto" if times[0].dtype.kind in "mMO" else config.time_unit,
         "ns" if exact else which.time_unit,
@@ -189,14 +242,18 @@ def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
     InputError where the configuration and the names contradict each other."""
     units = {"gyro_unit": config.gyro_unit, "accel_unit": config.accel_unit}
     for key, says, scale in (
-        ("gyro_unit", which.gyro_unit, config.gyro_scale),
-        ("accel_unit", which.accel_unit, config.accel_scale),
+        ("gyro_unit", which.gyro_unit, config.each("gyro", "scale")),
+        ("accel_unit", which.accel_unit, config.each("accel", "scale")),
     ):
         given = units[key]
         if given == "auto":
             fallback = "deg/s" if key == "gyro_unit" else "auto"
+            about = f"must be given: {name}'s columns do not say it, and no accelerometers were "
+            about += "recorded by whose vertical it could be checked"
+            unchecked = key == "gyro_unit" and says is None and config.recorded == ("gyro",)
+            require(not unchecked, f"log.{key}", given, about)
             units[key] = says or fallback
-        elif says is not None and says != given and scale == 1:
+        elif says is not None and says != given and np.all(np.abs(scale) == 1):
             raise InputError(
                 f"log.{key}", given, "", f"but {name}'s columns say {says}: log.{key}={says} goes "
                 "by them, log.columns=[...] by position takes no notice of them"
@@ -207,15 +264,20 @@ def _with_units(which: Picked, config: LogConfig, name: str) -> LogConfig:
 def _with_plate_unit(own: Sheet, at: int, config: LogConfig, name: str) -> LogConfig:
     """The configuration with the unit of the plate's angle that its column's name states, where it
     says auto. Raises InputError where the two contradict each other."""
-    units = own.units[at] if at < len(own.units) else ""
-    says = described(own.names[at], units).unit or unit(own.names[at].rsplit("_", 1)[-1])
-    says = says if says in PLATE_UNITS else None
+    says = plate_unit(own, at)
     if config.plate_unit == "auto":
         return replace(config, plate_unit=says or "deg")
     agrees = says in (None, config.plate_unit) or config.plate_scale not in (1.0, -1.0)
     about = f"but {name}'s column says {says}: log.plate_unit=auto goes by it"
     require(agrees, "log.plate_unit", config.plate_unit, about)
     return config
+
+
+def plate_unit(own: Sheet, at: int) -> str | None:
+    """The unit of an angle that a column's name states, or the row beneath it; None for neither."""
+    units = own.units[at] if at < len(own.units) else ""
+    says = described(own.names[at], units).unit or unit(own.names[at].rsplit("_", 1)[-1])
+    return says if says in PLATE_UNITS else None
 
 
 def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
@@ -287,13 +349,22 @@ READERS: dict[str, Callable[[Path, LogConfig], Iterator[Raw]]] = {
 }
 
 
-def require_finite(name: str, values: np.ndarray, columns: Sequence[str]) -> None:
-    """Raise InputError unless all values (rows, columns) are finite and below 1e30, so that no sum
-    of them can overflow."""
-    bad = np.argwhere(~(np.abs(values) < _NONSENSE))
-    if len(bad):
-        row, column = bad[0]
+def require_finite(
+    name: str, values: np.ndarray, columns: Sequence[str], pieces: Sequence[slice] | None = None
+) -> None:
+    """Raise InputError unless all values (rows, columns) in these pieces, or in all rows, are
+    finite and below 1e30, so that no sum of them can overflow."""
+    few = [
+        slice(piece.start + own.start, piece.start + own.stop)
+        for piece in pieces or [slice(0, len(values))]
+        for own in blocks(piece.stop - piece.start)
+    ]
+    bad = [
+        np.argwhere(~(np.abs(values[own]) < _NONSENSE)) + np.array([own.start, 0]) for own in few
+    ]
+    if sum(map(len, bad)):
+        row, column = np.concatenate(bad)[0]
         value = values[row, column]
         what = "is more than anything measures" if np.isfinite(value) else "is not a number"
         where = f"{name}: {columns[column]} in row {row}"
-        raise InputError(where, value, "", f"{what} ({len(bad)} such values)")
+        raise InputError(where, value, "", f"{what} ({sum(map(len, bad))} such values)")

@@ -20,6 +20,8 @@ def without_printed_twice(raw: Raw) -> Raw:
     if raw.stamps is None or raw.config.repeats == "keep":
         return raw
     again = raw.stamps[1:] == raw.stamps[:-1]
+    if not again.any():
+        return raw
     same = again & (raw.gyro[1:] == raw.gyro[:-1]).all(1) & (raw.accel[1:] == raw.accel[:-1]).all(1)
     if not same.any() or same.sum() < _ALWAYS * again.sum():
         return raw
@@ -37,39 +39,40 @@ def without_printed_twice(raw: Raw) -> Raw:
 
 
 def sampled(
-    name: str, rows: np.ndarray, rate_hz: float, repeats: str
-) -> tuple[np.ndarray, float, list[str]]:
-    """The sensor's own samples (N, 6) behind rows (T, 6), their rate, Hz, and notes of what was
-    done.
+    name: str, gyro: np.ndarray, accel: np.ndarray, rate_hz: float, repeats: str
+) -> tuple[np.ndarray, np.ndarray, float, list[str]]:
+    """The sensors' own samples behind the rows of two triads, (T, 3) each, or (T, 0) for one that
+    was not recorded, their rate, Hz, and notes of what was done.
 
     rate_hz : of the rows; repeats : auto, drop or keep. Raises InputError where rows are held
     irregularly and `repeats` is auto, or where they cannot be dropped.
     """
     if repeats == "keep":
-        return rows, rate_hz, []
-    found = holds(rows)
+        return gyro, accel, rate_hz, []
+    found = holds(gyro, accel)
     if found.times > _MOST_ROWS and len(set(found.columns)) > 1:
         about = f"of {name}: {_held(found)}; log each at its own rate, or log.repeats=keep"
         raise InputError("log.repeats", "columns", "", about)
     if found.times > 1 and not found.irregular:
-        values = taken(rows, found)
-        rate = rate_hz * _samples_a_row(len(values), len(rows), found.times)
+        values = taken(np.hstack([gyro, accel]), found)
+        rate = rate_hz * _samples_a_row(len(values), len(gyro), found.times)
         note = (
             f"held samples: {name}, where {_held(found)}, was read at {rate:.6g} Hz, the rate "
             f"of its samples, not at the log's {rate_hz:.6g} Hz"
         )
-        return values, rate, [note]
+        width = gyro.shape[1]
+        return values[:, :width], values[:, width:], rate, [note]
     if found.irregular and (repeats == "auto" or not found.can_drop):
         _refuse(name, found)
     if repeats == "auto" or not found.can_drop:
-        return rows, rate_hz, []
-    kept = dropped(rows)
+        return gyro, accel, rate_hz, []
+    kept = dropped(np.hstack([gyro, accel]))
     rate = rate_hz * kept.sum() / len(kept)
     note = (
         f"held samples: {len(kept) - kept.sum()} rows of {name} like the one before were left out "
         f"(log.repeats=drop), and its {kept.sum()} samples taken as even, at {rate:.6g} Hz"
     )
-    return rows[kept], rate, [note]
+    return gyro[kept], accel[kept], rate, [note]
 
 
 def _samples_a_row(samples: int, rows: int, times: int) -> float:
@@ -84,19 +87,21 @@ def _held(found: Holds) -> str:
     own = sorted(set(found.columns))
     if len(own) == 1:
         return f"each row is printed {own[0]} times"
-    gyro, accel = (
-        " and ".join(map(str, sorted(set(part)))) for part in (found.columns[:3], found.columns[3:])
+    first, *others = (
+        (name, " and ".join(map(str, sorted(set(found.columns[3 * k : 3 * k + 3])))))
+        for k, name in enumerate(found.shares)
     )
-    return f"the gyros' values hold for {gyro} rows, the accelerometers' for {accel}"
+    more = "".join(f", the {name}' for {rows}" for name, rows in others)
+    return f"the {first[0]}' values hold for {first[1]} rows{more}"
 
 
 def _refuse(name: str, found: Holds) -> None:
     """Raise the InputError for rows that are held irregularly."""
-    gyro, accel = found.gyro_share, found.accel_share
+    shares = ", ".join(f"{triad} {share:.0%}" for triad, share in found.shares.items())
     about = (
-        f"of {name} repeat the values of the row before (gyros {gyro:.0%}, accelerometers "
-        f"{accel:.0%}), more than chance makes them and not regularly: the logger is faster than "
-        "the sensor, and the noise would look stronger than it is"
+        f"of {name} repeat the values of the row before ({shares}), more than chance makes them "
+        "and not regularly: the logger is faster than the sensor, and the noise would look "
+        "stronger than it is"
     )
     advice = (
         "log.repeats=drop leaves them out"
@@ -105,6 +110,6 @@ def _refuse(name: str, found: Holds) -> None:
         "repeat from a sample: log each sample once"
     )
     raise InputError(
-        "log.repeats", f"{max(gyro, accel):.0%} of the rows", "",
+        "log.repeats", f"{max(found.shares.values()):.0%} of the rows", "",
         f"{about}; {advice}, log.repeats=keep reads each row as a sample",
     )  # fmt: skip

@@ -1,42 +1,28 @@
-"""Text and Parquet files of numbers as sheets of named columns, whatever the layout of their rows.
+"""Files of numbers as sheets of named columns, whose values are read piece by piece when they are
+asked for."""
 
-Nothing in a file is evaluated. Rows that do not fit are refused, with the number of their line.
-"""
-
-import codecs
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
+from tqdm import tqdm
 
 from lbgc import machine, outputs
 from lbgc.data.readers import tables
-from lbgc.data.readers.dialects import (
-    MARKS,
-    MOST_BEFORE,
-    Dialect,
-    fields,
-    is_comment,
-    is_number,
-    layout,
-)
-from lbgc.data.readers.stated import stated_rate
-from lbgc.errors import InputError, reading, require
+from lbgc.errors import require
 
-_HELD = 4.0
-"""Bytes of memory for each byte of a text file while it is read."""
-_HEAD = 4 * 2**20
-"""Bytes at a file's start in which its layout is looked for."""
-_HEAD_ROWS, _HEAD_ROW = 100_000, 120
-"""Rows of a sheet's head, and bytes of such a row of text."""
+_HEAD_ROWS = 100_000
+"""Rows of a sheet's head."""
 _SHOWN = 60
 """Characters of a file's text that a message shows, at most."""
-_MARKS = (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (
-    codecs.BOM_UTF16_BE, "utf-16")  # fmt: skip
-_SINGLE_QUOTES = re.compile(rb"^'", re.M)
+_PATIENCE_S = 5.0
+"""Seconds after which it is shown how much is read."""
+
+Piece = tuple[list[np.ndarray], list[str]]
+"""Some rows of columns, (rows of the piece,) each, and notes of what was left out before them"""
+Number = Callable[[int, np.ndarray], np.ndarray]
+"""A column's values as float64, by its position; raises InputError where they are not numbers"""
 
 
 def shown(text: object) -> str:
@@ -47,8 +33,12 @@ def shown(text: object) -> str:
 class Source(Protocol):
     """What columns are read from."""
 
-    def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
-        """Columns by position, as `Sheet.columns` gives them."""
+    @property
+    def rows(self) -> int:
+        """The number of rows, or somewhat more."""
+
+    def pieces(self, which: Sequence[int]) -> Iterator[Piece]:
+        """Columns by position, piece by piece, in the types that `Sheet.columns` gives."""
 
     def head(self, rows: int) -> "Source":
         """A source of the first rows alone."""
@@ -89,193 +79,57 @@ class Sheet:
         """Read columns by position, each (T,): float64, int64 where they are whole numbers of more
         than nine digits (stamps), or datetime64; text where they are none of these. With notes of
         what was left out."""
-        values, notes = self.source.columns(which)
-        return values, [*self.notes, *notes]
+        _, columns, notes = self.together((), which, lambda at, values: values)
+        return columns, notes
+
+    def together(
+        self, groups: Sequence[Sequence[int]], others: Sequence[int], number: Number
+    ) -> tuple[list[np.ndarray], list[np.ndarray], list[str]]:
+        """Read groups of columns of numbers, each as one array (T, columns) of float64, and other
+        columns as `columns` does, in one pass that holds no row twice."""
+        rows = self.source.rows
+        require_room(rows, sum(map(len, groups)) + len(others), self.file)
+        wanted = [(own, k, at) for own, group in enumerate(groups) for k, at in enumerate(group)]
+        made = [np.empty((rows, len(group))) for group in groups]
+        beside = [_Column(rows) for _ in others]
+        notes, first = [*self.notes], 0
+        every = [*(at for *_, at in wanted), *others]
+        with tqdm(total=rows, desc=f"reading {shown(self.file)}", unit=" rows", unit_scale=True,
+                  leave=False, delay=_PATIENCE_S) as bar:  # fmt: skip
+            for values, noted in self.source.pieces(every):
+                notes += noted
+                last = first + len(values[0]) if values else first
+                for (own, k, at), column in zip(wanted, values, strict=False):
+                    made[own][first:last, k] = number(at, column)
+                for kept, column in zip(beside, values[len(wanted) :], strict=True):
+                    kept.add(first, column)
+                bar.update(last - first)
+                first = last
+        return [own[:first] for own in made], [own.until(first) for own in beside], notes
 
 
-def sheet(path: Path, key: str = "log.path") -> Sheet:
-    """Read the sheet of a Parquet or text file. Raises InputError, naming the file by `key`, where
-    that cannot be done."""
-    if path.suffix.lower() in (".parquet", ".pq"):
-        table = tables.read_parquet(path, key)
-        return Sheet(path.stem, table.names, (), None, table)
-    return text_sheet(_content(path, key), path, key)
+class _Column:
+    """A column that is put together from its pieces, of a type that holds all of them."""
+
+    def __init__(self, rows: int):
+        self.rows, self.values = rows, np.empty(0)
+
+    def add(self, first: int, piece: np.ndarray) -> None:
+        """Put a piece behind those that were added, which end before row `first`."""
+        if first == 0:
+            self.values = np.empty(self.rows, piece.dtype)
+        elif self.values.dtype != piece.dtype:  # such as whole numbers of which some are missing
+            kind = np.promote_types(self.values.dtype, piece.dtype)
+            self.values = self.values.astype(kind)
+        self.values[first : first + len(piece)] = piece
+
+    def until(self, rows: int) -> np.ndarray:
+        """The column, of so many rows."""
+        return self.values[:rows]
 
 
-def _content(path: Path, key: str) -> bytes:
-    """A text file's content, if it is not too large."""
-    with reading(key, path):
-        require_size(path, key)
-        return path.read_bytes()
-
-
-def text_sheet(content: bytes, path: Path, key: str) -> Sheet:
-    """The sheet in a text file's content. Raises InputError, naming the file by `key`, where it is
-    no table."""
-    text = _utf8(content, key, path)
-    del content
-    head = text[:_HEAD].decode("utf-8", "replace").split("\n")[: MOST_BEFORE + 1000]
-    whole = len(text) <= _HEAD
-    if not whole:
-        head = head[:-1]
-    found = layout(head, key, path.name, whole, b"," in text)
-    names = tuple(name.strip() for name in found.names or ("",) * found.width)
-    rate = stated_rate(head[: found.first])
-    return Sheet(path.stem, names, found.units, rate, _Text(text, found, path.name))
-
-
-def require_size(path: Path, key: str) -> None:
-    """Raise InputError where a text file is larger than is read, or than this machine has memory
-    for."""
-    size, most = path.stat().st_size, tables.LARGEST
-    require(size <= most, key, path, f"has {size} bytes, and {most} are the most")
-    machine.require_memory(key, path, _HELD * size, f"a text of {size} bytes")
-
-
-def _utf8(content: bytes, key: str, path: Path) -> bytes:
-    """A file's content as UTF-8 text with line feeds at line ends, whatever its encoding. Raises
-    InputError where it is no text."""
-    encoding = next((name for mark, name in _MARKS if content.startswith(mark)), None)
-    if encoding is None and content[:4000].count(b"\0") > len(content[:4000]) // 4:
-        odd = content[1:4000:2].count(b"\0") > content[:4000:2].count(b"\0")
-        encoding = "utf-16-le" if odd else "utf-16-be"
-    with reading(key, path, "is no text"):
-        if encoding is not None:
-            content = content.decode(encoding).encode()
-        else:
-            try:
-                content.decode()
-            except UnicodeDecodeError:
-                content = content.decode("latin-1").encode()
-    require(bool(content.strip()), key, path, "is empty")
-    require(b"\0" not in content, key, path, "is no text: it has null characters")
-    if b"\r" in content:
-        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return content
-
-
-@dataclass(frozen=True)
-class _Text:
-    """A text file's content, and how its columns are parsed."""
-
-    content: bytes
-    """The file as UTF-8, with line feeds at line ends"""
-    layout: Dialect
-    """The layout of its rows"""
-    file: str
-    """The file's name in messages"""
-
-    def head(self, rows: int) -> "_Text":
-        """Its first lines alone."""
-        most = rows * _HEAD_ROW
-        if len(self.content) <= most:
-            return self
-        return replace(self, content=self.content[: self.content.rindex(b"\n", 0, most) + 1])
-
-    def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
-        """The columns as `Sheet.columns` gives them: by the fast parser, without a last line that
-        was cut short if need be, or else line by line."""
-        body, notes = self._body(), self._skipped()
-        kinds = {at: self._kind(at) for at in which}
-        read = self._read(body, kinds)
-        if read is None and "stamp" in kinds.values():
-            kinds = {at: "number" if kind == "stamp" else kind for at, kind in kinds.items()}
-            read = self._read(body, kinds)
-        if read is None:
-            body, note = self._mended(body)
-            notes += note
-            read = self._read(body, kinds)
-        if read is None:
-            read = self._one_by_one(kinds)
-        return read, notes
-
-    def _skipped(self) -> list[str]:
-        """Notes of the lines before the rows that were left out."""
-        return [
-            f"first lines: number {at + 1} of {self.file} ({shown(line)}) is no row of "
-            f"{self.layout.width} and was left out"
-            for at, line in self.layout.skipped
-        ]
-
-    def _kind(self, at: int) -> str:
-        """The kind of a column by the first row: number, stamp or text."""
-        field = self.layout.numbers[at] if at < len(self.layout.numbers) else ""
-        if field.lstrip("+-").isdigit() and len(field) > 9:
-            return "stamp"
-        is_value = is_number(field, self.layout.decimal) or not field or field[0].lower() in "ni-+"
-        return "number" if is_value else "text"
-
-    def _body(self) -> bytes:
-        """The rows alone, without comments, and with fields separated by one character."""
-        at = 0
-        for _ in range(self.layout.first):
-            at = self.content.index(b"\n", at) + 1
-        body = self.content[at:]
-        for mark in map(str.encode, MARKS):
-            if mark != self.layout.separator.encode() and mark in body:
-                body = re.sub(rb"(?m)^[ \t]*" + re.escape(mark) + rb"[^\n]*(\n|\Z)", b"", body)
-        if self.layout.separator == " ":
-            body = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", body)
-            if b"\t" in body or b"  " in body:
-                body = re.sub(rb"[ \t]+", b" ", body)
-        return body
-
-    def _read(self, body: bytes, kinds: dict[int, str]) -> list[np.ndarray] | None:
-        """The columns by the fast parser; None where some row or number does not fit."""
-        own = self.layout
-        return tables.parsed(body, own.separator, own.decimal, own.width, kinds)
-
-    def _lines(self) -> list[tuple[int, str]]:
-        """The lines of rows, each with its number counted from one."""
-        lines = self.content.decode("utf-8", "replace").split("\n")[self.layout.first :]
-        return [(at + self.layout.first + 1, line) for at, line in enumerate(lines)
-                if line.strip() and not is_comment(line, self.layout.separator)]  # fmt: skip
-
-    def _mended(self, body: bytes) -> tuple[bytes, list[str]]:
-        """The body without a last line that was cut short, and a note of that. Raises InputError at
-        any other row whose number of fields differs from the first row's."""
-        rows = self._lines()
-        for at, (number, line) in enumerate(rows):
-            found = len(fields(line, self.layout.separator))
-            if found == self.layout.width:
-                continue
-            if at == len(rows) - 1 and found < self.layout.width:
-                cut = body.rstrip(b"\n")
-                note = (
-                    f"last line: number {number} of {self.file} ({shown(line)}) has {found} fields "
-                    f"of {self.layout.width} and was left out"
-                )
-                return cut[: cut.rfind(b"\n") + 1], [note]
-            raise InputError(
-                f"{self.file}: line {number}",
-                shown(line),
-                "",
-                f"has {found} fields, where the rows before it have {self.layout.width}",
-            )
-        return body, []
-
-    def _one_by_one(self, kinds: dict[int, str]) -> list[np.ndarray]:
-        """The columns parsed line by line, for numbers that the fast parser does not accept, such
-        as +1.5. Raises InputError at a field that is not a number."""
-        values: list[list[Any]] = [[] for _ in kinds]
-        decimal = self.layout.decimal
-        for number, line in self._lines():
-            found = fields(line, self.layout.separator)
-            if len(found) != self.layout.width:
-                continue  # the last line, cut short
-            for (at, kind), own in zip(kinds.items(), values, strict=True):
-                field = found[at]
-                if kind == "text":
-                    own.append(field)
-                    continue
-                if not is_number(field, decimal) and field.lower() not in _EMPTY:
-                    raise InputError(
-                        f"{self.file}: line {number}", shown(field), "", "is no number"
-                    )
-                own.append(float(field.replace(",", ".") or "nan") if field.lower() not in _EMPTY
-                           else np.nan)  # fmt: skip
-        return [np.array(own) for own in values]
-
-
-_EMPTY = {"", "nan", "na", "n/a", "null", "-nan", "#n/a"}
-"""Words that stand for a missing number."""
+def require_room(rows: int, columns: int, where: str) -> None:
+    """Raise InputError where columns take more memory than is read, or than this machine has."""
+    size, most = 8 * rows * columns, tables.LARGEST
+    require(size <= most, "log.path", where, f"unfolds to {size} bytes, and {most} are the most")
+    machine.require_memory("log.path", where, 1.5 * size, "the table that it unfolds to")

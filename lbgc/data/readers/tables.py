@@ -1,8 +1,9 @@
 """Columns of numbers from Parquet files, and from text whose layout is known. Arrow is used in this
 file and in formats/feather.py only."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,73 +11,77 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from lbgc import machine
-from lbgc.errors import reading, require
+from lbgc.errors import InputError, reading, require
 
 LARGEST = 4 * 2**30
 """Size of the largest file that is read, bytes, and of the largest that one unfolds to."""
 _TOGETHER = 2**18
 """Rows that are unfolded at once."""
+_BUFFER = 2**20
+"""Bytes of a column that are read at once."""
 _LONGEST = 1000
 """Bytes of the longest text in a cell."""
-_KINDS = {"number": pa.float64(), "stamp": pa.int64()}
+_KINDS = {"number": pa.float64(), "stamp": pa.int64(), "string": pa.string()}
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of a table that Arrow has read."""
+    """The columns of a Parquet file."""
 
-    table: pa.Table
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The columns' names."""
-        return tuple(map(str, self.table.column_names))
+    path: Path
+    key: str
+    """The key that names the file in messages"""
+    names: tuple[str, ...]
+    """The columns' names"""
+    rows: int
+    """The number of rows that it says it has"""
 
     def head(self, rows: int) -> "Columns":
         """Its first rows alone."""
-        return Columns(self.table.slice(0, rows))
+        return replace(self, rows=min(rows, self.rows))
 
-    def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
-        """Columns by position: float64, int64, datetime64 or timedelta64, or text where they hold
-        no numbers. Raises InputError where one cannot be converted."""
-        found = []
-        for at in which:
-            with reading("log.path", self.table.column_names[at]):
-                found.append(as_array(self.table.column(at)))
-        return found, []
+    def pieces(self, which: Sequence[int]) -> Iterator[tuple[list[np.ndarray], list[str]]]:
+        """Columns by position, piece by piece: float64, int64, datetime64 or timedelta64, or text
+        where they hold no numbers; with no notes. Raises InputError where one cannot be
+        converted."""
+        count = unfolded = 0
+        with reading(self.key, self.path), pa.OSFile(str(self.path)) as file:
+            kinds = pa.parquet.ParquetFile(file).schema_arrow
+            texts = [name for name in kinds.names if _is_text(kinds.field(name).type)]
+            file.seek(0)  # text that stands there many times is kept once
+            opened = pa.parquet.ParquetFile(file, read_dictionary=texts, buffer_size=_BUFFER)
+            flat = len(set(self.names)) == len(self.names) == opened.metadata.num_columns
+            some = [self.names[at] for at in dict.fromkeys(which)]
+            groups = range(opened.num_row_groups)  # one by one, since Arrow reads ahead
+            for batch in chain.from_iterable(
+                opened.iter_batches(_TOGETHER, [group], some if flat else None) for group in groups
+            ):
+                rows = min(batch.num_rows, self.rows - count)
+                unfolded += max(batch.nbytes, 8 * batch.num_rows * batch.num_columns)
+                about = f"unfolds to {unfolded} bytes, and {LARGEST} are the most"
+                require(unfolded <= LARGEST, self.key, self.path, about)
+                yield [self._column(batch, some.index(self.names[at]) if flat else at, rows)
+                       for at in which], []  # fmt: skip
+                count += rows
+                if count == self.rows:
+                    return
+        if count != self.rows:
+            about = f"holds {count} rows, and says {self.rows}"
+            raise InputError(self.key, self.path, "", f"cannot be read ({about})")
+
+    def _column(self, batch: pa.RecordBatch, at: int, rows: int) -> np.ndarray:
+        """The first rows of a batch's column."""
+        with reading("log.path", batch.schema.names[at]):
+            return as_array(pa.chunked_array([batch.column(at).slice(0, rows)]))
 
 
 def read_parquet(path: Path, key: str) -> Columns:
-    """Read a whole Parquet file. Raises InputError, naming it by `key`, where it cannot be read."""
+    """The columns of a Parquet file. Raises InputError, naming it by `key`, where it cannot be
+    read."""
     with reading(key, path), pa.OSFile(str(path)) as file:
         opened = pa.parquet.ParquetFile(file)
-        told = opened.metadata
-        _require_room(8 * told.num_rows * told.num_columns, path, key)
-        kinds = opened.schema_arrow
-        texts = [name for name in kinds.names if _is_text(kinds.field(name).type)]
-        file.seek(0)  # text that stands there many times is kept once
-        opened = pa.parquet.ParquetFile(file, read_dictionary=texts)
-        batches, unfolded = [], 0
-        for batch in opened.iter_batches(_TOGETHER):
-            batches.append(batch)
-            unfolded += max(batch.nbytes, 8 * batch.num_rows * batch.num_columns)
-            _require_room(unfolded, path, key)
-        table = pa.Table.from_batches(batches, batches[0].schema if batches else kinds)
-        if table.num_rows != told.num_rows:
-            raise ValueError(f"holds {table.num_rows} rows, and says {told.num_rows}")
-        _ = table.column_names  # names are decoded here, where a failure is reported
-        return Columns(table)
-
-
-def _require_room(unfolded: int, path: Path, key: str) -> None:
-    """Raise InputError where a file unfolds to more bytes than are read, or than this machine has
-    memory for: a few kilobytes may hold any number of equal values, and claim any other. What a
-    file says of its columns one by one is not asked for: Arrow ends the process where that is
-    damaged."""
-    require(unfolded <= LARGEST, key, path, f"unfolds to {unfolded} bytes, and {LARGEST} are the "
-            "most")  # fmt: skip
-    machine.require_memory(key, path, 3.0 * unfolded, "the table that it unfolds to")
+        names = tuple(map(str, opened.schema_arrow.names))
+        return Columns(path, key, names, opened.metadata.num_rows)
 
 
 def _is_text(kind: pa.DataType) -> bool:

@@ -15,7 +15,7 @@ _SHORT = 10
 """Samples that may be missing in one place without the log being refused."""
 _FEW = 0.01
 """The share of all samples that may be missing in such places."""
-_SHARE = 0.1
+SHARE = 0.1
 """The least length of a piece that becomes a recording, as a share of the longest piece."""
 _AGREE = 0.01
 """The relative difference up to which a stated rate and that of the stamps agree."""
@@ -33,6 +33,8 @@ class EvenPieces:
     """The rows of each piece"""
     notes: tuple[str, ...] = ()
     """What was assumed of the clock, plain sentences"""
+    unit_s: float | None = None
+    """The unit of the stamps, s; None where the clock is not by stamps"""
 
 
 def stamps_of(name: str, columns: Sequence[np.ndarray]) -> np.ndarray:
@@ -83,14 +85,14 @@ def timing(
         notes.append(f"counter: {name}'s time column began again {wraps} times, and was carried on")
     seconds = TIME_UNITS[unit]
     rate = 1 / (found.step * seconds)
-    pieces, more = _pieces(name, relative * seconds, found, rate, gaps)
+    pieces, more = _pieces(name, relative, seconds, found, rate, gaps)
     notes += more + _stamp_notes(name, found, rate)
     if stated_hz is None:
-        return EvenPieces(rate, pieces, tuple(notes))
+        return EvenPieces(rate, pieces, tuple(notes), seconds)
     agrees = abs(rate / stated_hz - 1) < _AGREE
     about = f"but {name}'s time says {rate:.5g} Hz; log.time_column=none takes no notice of it"
     require(agrees, "log.rate_hz", stated_hz, about)
-    return EvenPieces(stated_hz, pieces, tuple(notes))
+    return EvenPieces(stated_hz, pieces, tuple(notes), seconds)
 
 
 def _stamp_notes(name: str, found: Instants, rate: float) -> list[str]:
@@ -110,17 +112,18 @@ def _stamp_notes(name: str, found: Instants, rate: float) -> list[str]:
 
 
 def _pieces(
-    name: str, seconds: np.ndarray, found: Instants, rate: float, gaps: str
+    name: str, stamps: np.ndarray, unit: float, found: Instants, rate: float, gaps: str
 ) -> tuple[tuple[slice, ...], list[str]]:
     """The log's pieces, as the choice for gaps has them, and notes. The log is not cut at short
-    holes."""
-    n = len(seconds)
+    holes. stamps : (T,), in this unit, s."""
+    n = len(stamps)
     long = [hole for hole in found.holes if not 0 < hole.missing <= _SHORT]
     short = [hole for hole in found.holes if 0 < hole.missing <= _SHORT]
     missing = sum(hole.missing for hole in short)
     many = missing > _FEW * n
     if gaps == "refuse" and long:
-        _refuse(name, seconds, long, rate)
+        row = long[0].row
+        _refuse(name, stamps[row : row + 2] * unit, long, rate)
     if gaps == "refuse" and many:
         raise InputError(
             f"{name}: time",
@@ -151,7 +154,7 @@ def _pieces(
         )
         return (longest,), notes
     most = max(piece.stop - piece.start for piece in every)
-    kept = [piece for piece in every if piece.stop - piece.start >= max(rate, _SHARE * most)]
+    kept = [piece for piece in every if piece.stop - piece.start >= max(rate, SHARE * most)]
     left_out = len(edges) - 1 - len(kept)
     notes.append(
         f"gaps: {name} was read in {len(kept)} pieces (log.gaps=split); {left_out} of less than a "
@@ -162,7 +165,8 @@ def _pieces(
 
 
 def _refuse(name: str, seconds: np.ndarray, long: list[Hole], rate: float) -> None:
-    """Raise the InputError for the first of a log's long holes. seconds : (T,), the stamps, s."""
+    """Raise the InputError for the first of a log's long holes. seconds : (2,), the stamps before
+    and behind it, s."""
     row = long[0].row
     options = (
         "log.gaps=longest reads the longest piece, split each as a recording, join all as if "
@@ -171,14 +175,14 @@ def _refuse(name: str, seconds: np.ndarray, long: list[Hole], rate: float) -> No
     if long[0].missing < 0:
         raise InputError(
             f"{name}: time in row {row + 1}",
-            f"{seconds[row + 1]:.9g}",
+            f"{seconds[1]:.9g}",
             "s",
-            f"does not increase: {seconds[row]:.9g} s stands before it; {options}",
+            f"does not increase: {seconds[0]:.9g} s stands before it; {options}",
         )
     raise InputError(
         f"{name}: time after row {row}",
-        f"{seconds[row]:.9g}",
+        f"{seconds[0]:.9g}",
         "s",
-        f"a gap of {seconds[row + 1] - seconds[row]:.4g} s where samples are {1 / rate:.4g} s apart"
+        f"a gap of {seconds[1] - seconds[0]:.4g} s where samples are {1 / rate:.4g} s apart"
         f" ({len(long)} gaps); {options}",
     )

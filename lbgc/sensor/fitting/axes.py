@@ -5,7 +5,9 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from multiprocessing import get_context
+from pathlib import Path
 from queue import Empty
+from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -43,14 +45,23 @@ def fitted(
     small = sum(one.size for one in series.values()) < SMALL
     workers = processes or (1 if small else cores.count())
     workers = min(workers, len(series))
-    if workers == 1:
+    if workers == 1 and small:  # a process of its own keeps apart what a long one takes
         for name, one in series.items():
-            yield name, _fit(one, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
+            alone = np.ascontiguousarray(one)
+            yield name, _fit(alone, dt, corners, lambda what, name=name: say(name, what))  # type: ignore[misc]
         return
     said = get_context("spawn").Queue()
-    with _one_thread_each(), pool(workers, _start, said) as own:
-        with uninterrupted():
-            begun = {own.submit(_task, n, one, dt, corners): n for n, one in series.items()}
+    with (
+        TemporaryDirectory(prefix="lbgc_") as home,
+        _one_thread_each(),
+        pool(workers, _start, said) as own,
+    ):
+        begun: dict[Future[Fit], Name] = {}
+        for name, one in series.items():  # through files: a queue would hold them twice
+            file = Path(home) / f"{len(begun)}.npy"
+            np.save(file, one)
+            with uninterrupted():
+                begun[own.submit(_task, name, file, dt, corners)] = name
         yield from _finished(begun, said, say)
 
 
@@ -75,8 +86,10 @@ def _fit(
     return resting_axis.fitted(series, dt, corners, say)
 
 
-def _task(name: Name, series: np.ndarray, dt: float, corners: tuple[float, float]) -> Fit:
-    """Fit one axis in a worker."""
+def _task(name: Name, file: Path, dt: float, corners: tuple[float, float]) -> Fit:
+    """Fit one axis, whose series is in a file, in a worker."""
+    series = np.ascontiguousarray(np.load(file, allow_pickle=False))
+    file.unlink()
     return _fit(series, dt, corners, lambda what: _messages.put((name, what)))
 
 

@@ -81,6 +81,25 @@ def of_gyro(
     return _posterior(log_likelihood, np.array([vertical, level, north]), error)
 
 
+def of_gyro_alone(rate: np.ndarray, error: float = 0.0) -> BiasSize:
+    """The size of the gyros' bias, rad/s, from a resting recording's mean rate (3,), rad/s, without
+    a vertical: Earth's rate is in it, in a direction of which nothing is known. error : rad/s, 1
+    sigma of each mean by noise.
+
+    With |w| the mean's length and Omega Earth's rate, the mean of exp(w.e Omega/v) over directions
+    e is sinh(z)/z with z = |w| Omega/v.
+    """
+    length = float(np.linalg.norm(rate))
+
+    def log_likelihood(v: np.ndarray) -> np.ndarray:
+        """The mean is normal about Earth's rate, of any direction."""
+        z = np.maximum(length * EARTH_RATE / v, 1e-12)
+        apart = -0.5 * (length - EARTH_RATE) ** 2 / v - 1.5 * np.log(v)
+        return np.asarray(apart + np.log(-np.expm1(-2 * z) / (2 * z)))
+
+    return _posterior(log_likelihood, np.array([length, EARTH_RATE]), error)
+
+
 def of_accel(force: np.ndarray, latitude: float) -> BiasSize:
     """The size of the accelerometers' bias, m/s^2, from the size of a resting recording's mean
     force. force : (3,), m/s^2; latitude : rad."""

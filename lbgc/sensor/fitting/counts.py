@@ -83,6 +83,8 @@ def count_size(series: np.ndarray) -> float | None:
     """The size of a recording's counts, the common increment of its values, or None where there is
     none. series : (...), unit. Values may be printed to a few digits or as float32: increments are
     multiples of the count to within that."""
+    if len(np.unique(series[..., :_MOST_SAMPLES])) > _MOST_LEVELS:
+        return None
     levels = np.unique(series)
     if not 2 <= len(levels) <= _MOST_LEVELS or len(levels) > np.size(series) / 2:
         return None

@@ -15,7 +15,7 @@ import scipy.fft
 import scipy.stats
 
 from lbgc.sensor.fitting.likelihood import Likelihood
-from lbgc.sensor.fitting.ordinates import Ordinates
+from lbgc.sensor.fitting.ordinates import Ordinates, transformed
 from lbgc.sensor.fitting.shapes import Shape
 
 FAILS = 0.05
@@ -26,6 +26,8 @@ _LEVELS = (4, 8, 16, 32, 64)
 """Numbers of bands into which the spectrum is divided"""
 _EIGHTHS = 8
 """Parts of the log whose powers are compared"""
+_AT_ONCE = 2**20
+"""Coefficients that are whitened in one go."""
 _ENOUGH = 50
 """Ordinates that an eighth of the log must have in a band for its power to be compared."""
 
@@ -238,20 +240,23 @@ def _steadiness(series: np.ndarray, data: Ordinates, v: np.ndarray) -> tuple[flo
     three octaves of the whitened series. Returns the p-value, the band where the power changes
     most, and the scatter of the eighths in the highest band over the scatter by chance."""
     n, dt = data.n, data.dt
-    k = np.arange(n)
-    root = np.exp(np.interp(k, data.k, np.log(v) / 2))
     tones = [round(t.f * 2 * n * dt) for t in data.tones]
     edges = [n]
     while edges[-1] / 8 * 7 / 8 / _EIGHTHS * len(series) >= _ENOUGH and edges[-1] > 64:
         edges.append(max(edges[-1] // 8, 1))
     energy = np.zeros((len(edges) - 1, len(series), _EIGHTHS))
     for r, one in enumerate(series):
-        white = scipy.fft.dct(one - np.mean(one, dtype=float), norm="ortho") * np.sqrt(dt) / root
+        white = transformed(one, dt)
+        for first in range(0, n, _AT_ONCE):
+            k = np.arange(first, min(first + _AT_ONCE, n))
+            white[first : first + len(k)] /= np.exp(np.interp(k, data.k, np.log(v) / 2))
         for tone in tones:
             white[max(tone - 60, 0) : tone + 61] = 0
         for b, (high, low) in enumerate(pairwise(edges)):
-            inside = np.where((k >= low) & (k < high), white, 0.0)
-            squares = scipy.fft.idct(inside, norm="ortho") ** 2
+            inside = np.zeros(n)
+            inside[low:high] = white[low:high]
+            squares = scipy.fft.idct(inside, norm="ortho", overwrite_x=True)
+            np.square(squares, out=squares)
             energy[b, r] = [np.sum(e) for e in np.array_split(squares, _EIGHTHS)]
     if len(edges) == 1:
         return 1.0, Band(0.0, 0.5 / dt, 1.0, 0.0), 1.0

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.fft
 
 from lbgc.errors import require
 from lbgc.sensor import gaussian, noise
@@ -202,9 +201,11 @@ def _ramp(likelihood: Likelihood, p: np.ndarray) -> FittedParameter:
     """The slope of a straight line, unit/s, by generalised least squares in the low cosine
     coefficients of the first recording, at log-parameters p of the noise."""
     d = likelihood.data
-    time = (np.arange(d.n) + 0.5) * d.dt
-    lows = d.low.shape[1]
-    line = scipy.fft.dct(time, norm="ortho")[1 : lows + 1] * np.sqrt(d.dt)
+    k = np.arange(1, d.low.shape[1] + 1)
+    lows = len(k)
+    # The cosine transform of t: the sum of (j + 1/2) cos(pi k (j + 1/2)/n) over j.
+    line = -(k % 2) / 2 / np.sin(np.pi * k / (2 * d.n)) ** 2 * np.cos(np.pi * k / (2 * d.n))
+    line = line * np.sqrt(2 / d.n) * d.dt * np.sqrt(d.dt)
     weights = line / likelihood.variance(p)[0][:lows]
     slope, sigma = weights @ d.low[0] / (weights @ line), 1 / np.sqrt(weights @ line)
     size = float(abs(slope))

@@ -25,6 +25,8 @@ _BINS_PER_E_FOLD = 40
 """Bins per factor e of frequency."""
 _BINS = 1000
 """The whole band over the width of the widest bin."""
+_AT_ONCE = 2**20
+"""Coefficients that are binned at once, about."""
 _AROUND = 60
 """Coefficients on either side of a narrow line where bins are of four coefficients."""
 
@@ -78,20 +80,16 @@ def pooled(series: np.ndarray, dt: float) -> Ordinates:
     removed, tones are left out, and powers are summed. series : (R, n), unit; dt : s."""
     recordings, n = series.shape
     split = min(_SINGLE, n // 2) + 1
-    low, power = np.empty((recordings, split - 1)), np.zeros(n - split)
+    low, power = np.empty((recordings, split - 1)), np.zeros(0)
     for i, one in enumerate(series):
-        coefficients = scipy.fft.dct(one - np.mean(one, dtype=float), norm="ortho") * np.sqrt(dt)
+        coefficients = transformed(one, dt)
         low[i] = coefficients[1:split]
-        power += coefficients[split:] ** 2
-    k = np.arange(split, n)
-    sifted = sift(power, k, n, dt, recordings)
-    k, power = k[sifted.plain], power[sifted.plain]
-    edges = _edges(split, n, sifted.narrow)
-    which = np.searchsorted(edges, k, side="right")
-    count = np.bincount(which, minlength=len(edges) + 1)
+        np.square(coefficients, out=coefficients)
+        power = power + coefficients[split:] if i else coefficients[split:]
+    sifted = sift(power, split, n, dt, recordings)
+    count, sums, numbers = _binned(power, sifted.plain, split, _edges(split, n, sifted.narrow))
     used = count > 0
-    count, sums = count[used], np.bincount(which, power, minlength=len(edges) + 1)[used]
-    middle = np.bincount(which, k, minlength=len(edges) + 1)[used] / count
+    count, sums, middle = count[used], sums[used], numbers[used] / count[used]
     return Ordinates(
         n,
         dt,
@@ -101,6 +99,36 @@ def pooled(series: np.ndarray, dt: float) -> Ordinates:
         np.concatenate([np.ones(split - 1), count]) * recordings,
         sifted.tones,
     )
+
+
+def transformed(one: np.ndarray, dt: float) -> np.ndarray:
+    """The coefficients of one recording (n,) less its mean, times the square root of dt: (n,)."""
+    own = one - np.mean(one, dtype=float)
+    found = scipy.fft.dct(own, norm="ortho", overwrite_x=True)
+    found *= np.sqrt(dt)
+    return np.asarray(found)
+
+
+def _binned(
+    power: np.ndarray, plain: np.ndarray, split: int, edges: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The number, the sum of powers and the sum of the coefficients' numbers of each bin, without
+    tones. power, plain : (m,), of the coefficients from `split` on, and whether each is free of
+    tones; edges : the bins' first coefficients. A bin is added up in one go, many bins at once."""
+    ends = np.append(edges[1:], split + len(power))
+    found: list[list[np.ndarray]] = [[], [], []]
+    first = 0
+    while first < len(edges):
+        last = max(first + 1, int(np.searchsorted(ends, edges[first] + _AT_ONCE, side="right")))
+        rows = slice(int(edges[first]) - split, int(ends[last - 1]) - split)
+        free = plain[rows]
+        k = np.arange(rows.start + split, rows.stop + split)[free]
+        which = np.searchsorted(edges[first:last], k, side="right") - 1
+        for own, weights in zip(found, (None, power[rows][free], k), strict=True):
+            own.append(np.bincount(which, weights, last - first))
+        first = last
+    count, sums, numbers = (np.concatenate(own) for own in found)
+    return count, sums, numbers
 
 
 def _edges(split: int, n: int, narrow: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ def fitted(
     say("counts and warm-up")
     seen = counts.judged(series[0])
     settled = [warmup.taken_out(one, dt, corners, len(series)) for one in series]
-    rest = np.stack([rest for rest, _ in settled])
+    rest = settled[0][0][None] if len(settled) == 1 else np.stack([own for own, _ in settled])
     plain = pooled(rest, dt)
     rounding = 0.0 if seen is None else seen.rounding(dt)
     data = replace(plain, rounding=rounding)

@@ -34,9 +34,9 @@ def unfolded(path: Path, key: str = "log.path", most: int | None = None) -> byte
     """A compressed file's content, or its first `most` bytes. Raises InputError, naming the file by
     `key`, where it is damaged or unfolds to more than is read."""
     made = bytearray()
-    with reading(key, path), _stream(path) as stream:
+    with reading(key, path), stream(path) as file:
         while most is None or len(made) < most:
-            part = stream.read(_AT_ONCE if most is None else most - len(made))
+            part = file.read(_AT_ONCE if most is None else most - len(made))
             if not part:
                 break
             made += part
@@ -48,7 +48,7 @@ def unfolded(path: Path, key: str = "log.path", most: int | None = None) -> byte
 
 
 @contextmanager
-def _stream(path: Path) -> Iterator[IO[bytes]]:
+def stream(path: Path) -> Iterator[IO[bytes]]:
     """A compressed file's content as a stream."""
     with path.open("rb") as file:
         head = file.read(6)

@@ -22,7 +22,8 @@ from lbgc.data.readers.formats import (
 from lbgc.data.readers.formats.extras import require_installed
 from lbgc.data.readers.formats.table import Collected, Table, chosen
 from lbgc.data.readers.picked import picked
-from lbgc.data.readers.sheets import Sheet, sheet, text_sheet
+from lbgc.data.readers.sheets import Sheet
+from lbgc.data.readers.texts import text_sheet
 from lbgc.errors import InputError, reading, require
 
 _PARQUET, _ARROW = b"PAR1", (b"ARROW1\0\0", b"\xff\xff\xff\xff")
@@ -116,9 +117,13 @@ def opened(path: Path, config: LogConfig) -> Iterator[Sheet]:
             about = f"names a table, and {path.name} is one: leave log.table out"
             require(config.table is None, "log.table", config.table, about)
             if kind == _COMPRESSED:
-                yield text_sheet(compressed.unfolded(path), path, _KEY)
+                yield text_sheet(lambda: compressed.stream(path), path, _KEY)
             else:
-                yield sheet(path) if kind == _TEXT else _parquet(path)
+                yield (
+                    text_sheet(lambda: path.open("rb"), path, _KEY)
+                    if kind == _TEXT
+                    else _parquet(path)
+                )
             return
         if kind in _IN_HERE or config.dtype is not None:
             with reading(_KEY, path):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lbgc.data.logconfig import row_type
 from lbgc.data.readers.formats.table import AT_ONCE, Pieces, Table, named_columns
+from lbgc.data.readers.said import row_type
 from lbgc.errors import require
 
 

@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc import machine
-from lbgc.data.readers import tables
-from lbgc.data.readers.sheets import shown
+from lbgc.data.readers.sheets import Piece, shown
 from lbgc.errors import InputError, reading, require
 
 Pieces = Iterator[list[np.ndarray]]
@@ -61,38 +59,25 @@ class Collected:
 
         return replace(self, table=replace(self.table, rows=most, read=first))
 
-    def columns(self, which: Sequence[int]) -> tuple[list[np.ndarray], list[str]]:
-        """Columns by position, (rows,) each: float64, int64, datetime64 or text. Raises InputError
-        where they cannot be read, or are more than this machine has memory for."""
-        require_room(self.table.rows, len(which), self.where)
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        return self.table.rows
+
+    def pieces(self, which: Sequence[int]) -> Iterator[Piece]:
+        """Columns by position: float64, int64, datetime64 or text. Raises InputError where they
+        cannot be read, or have other rows than were announced."""
+        at = 0
         with reading("log.path", self.where):
-            return self._collected(which), []
-
-    def _collected(self, which: Sequence[int]) -> list[np.ndarray]:
-        """The columns. Raises ValueError where pieces have other rows than were announced."""
-        made: list[np.ndarray] = []
-        rows = at = 0
-        for piece in self.table.read(which):
-            values = [plain(own) for own in piece]
-            rows = len(values[0])
-            if any(len(own) != rows for own in values) or at + rows > self.table.rows:
-                raise ValueError("columns of different lengths")
-            if not made and rows == self.table.rows:
-                return values
-            made = made or [np.empty(self.table.rows, own.dtype) for own in values]
-            for whole, own in zip(made, values, strict=True):
-                whole[at : at + rows] = own
-            at += rows
-        if at != self.table.rows:
-            raise ValueError(f"holds {at} rows, and says {self.table.rows}")
-        return made
-
-
-def require_room(rows: int, columns: int, where: str) -> None:
-    """Raise InputError where columns take more memory than is read, or than this machine has."""
-    size, most = 8 * rows * columns, tables.LARGEST
-    require(size <= most, "log.path", where, f"unfolds to {size} bytes, and {most} are the most")
-    machine.require_memory("log.path", where, 2.0 * size, "the table that it unfolds to")
+            for piece in self.table.read(which):
+                values = [plain(own) for own in piece]
+                rows = len(values[0])
+                if any(len(own) != rows for own in values) or at + rows > self.rows:
+                    raise ValueError("columns of different lengths")
+                at += rows
+                yield values, []
+            if at != self.rows:
+                raise ValueError(f"holds {at} rows, and says {self.rows}")
 
 
 def plain(values: np.ndarray) -> np.ndarray:
