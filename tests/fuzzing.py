@@ -250,7 +250,11 @@ def _means() -> Reader:
         return logs.columns(str(home / "means.csv"), COLUMNS, optional=("session",))
 
     content = {"means.csv": _csv([*COLUMNS, "session"], rows)}
-    return Reader(content, read, lambda found: bool(np.isfinite(found).all()))  # type: ignore[arg-type]
+
+    def is_right(found: object) -> bool:
+        return isinstance(found, dict) and all(np.isfinite(own).all() for own in found.values())
+
+    return Reader(content, read, is_right)
 
 
 # --- configurations ---------------------------------------------------------------------------

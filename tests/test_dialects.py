@@ -215,6 +215,20 @@ def test_stated_rates():
     assert stated_rate(["bench 3", "50 Hz mains"]) is None
 
 
+def test_rows_of_other_sensors_that_come_less_often_are_left_out_where_there_is_a_clock(tmp_path):
+    """As MicroStrain's export has a position once a second, in a row of its own."""
+    path = tmp_path / "log.csv"
+    names = ["GPS TOW", *NAMES[1:], "Lat [x8103]", "UTC Second [x8108]"]
+    lines = [f"{row},," for row in PLAIN]
+    lines[700:700] = ["6.9999,,,,,,,48.1,7", "7.0001,,,,,,,48.1,7"]
+    path.write_text(text(names, lines))
+    record = one(path)
+    np.testing.assert_allclose(record.gyro, W, rtol=1e-9, atol=1e-12)
+    assert noted(record, "rows: 2 of log")
+    with pytest.raises(InputError, match="gyro x in row 700 = nan"):  # may as well be lost samples
+        one(path, time_column="none", rate_hz=100.0)
+
+
 def test_a_stated_rate_is_taken_where_there_is_no_time(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text(text(cases.HEADER, rows(DEG, F), before="# Update Rate: 100 Hz\n"))
@@ -232,7 +246,9 @@ def test_a_stated_rate_is_taken_where_there_is_no_time(tmp_path):
         ("Time since start in ms", ("time", None, "ms")), ("Temp", (None, None, None)),
         ("angular_velocity_covariance_0", (None, None, None)), ("Mag_X", (None, None, None)),
         ("ωz [°/s]", ("gyro", "z", "deg/s")), ("gz (g)", (None, None, "g")),
-        ("x", (None, None, None)),
+        ("x", (None, None, None)), ("UTC Second [x8108]", (None, None, None)),
+        ("GPS TOW", ("time", None, None)), ("raw_acceleration_x_gs", ("accel", "x", "g")),
+        ("wb_x", ("gyro", "x", None)), ("fb_z", ("accel", "z", None)),
     ],
 )  # fmt: skip
 def test_names_are_understood(name, says):

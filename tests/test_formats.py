@@ -91,6 +91,7 @@ def test_a_file_that_is_cut_short_is_refused_or_read_as_far_as_it_goes(kind, tmp
         (record,) = read(config(kind, path))
         assert 100 < len(record.gyro) < COUNT
         np.testing.assert_allclose(record.accel, MOCK.accel[: len(record.accel)], rtol=2.0**-23)
+        assert any(note.startswith("end: a.") for note in record.notes)
     else:
         said = refused(kind, path)
         assert "log.path" in said or (kind == "rows" and "leaves" in said)
@@ -359,4 +360,42 @@ def test_the_last_line_of_a_text_log_that_has_no_end_is_left_out(tmp_path):
     path.write_bytes(path.read_bytes()[:-3])
     (record,) = read(config("dataflash text", path))
     assert len(record.gyro) == COUNT - 1
-    assert any(note.startswith("last line: number 252 of a.log") for note in record.notes)
+    assert any("the last line, number 252, has no end" in note for note in record.notes)
+
+
+@pytest.mark.parametrize("kind", ["ulog combined", "dataflash", "dataflash text"])
+def test_a_log_that_ends_with_a_whole_message_says_nothing_of_its_end(kind, tmp_path):
+    (record,) = read(config(kind, made(kind, tmp_path)))
+    assert not any(note.startswith("end:") for note in record.notes)
+
+
+def test_what_was_added_to_a_ulog_file_begins_where_its_flags_say(tmp_path):
+    """A logger adds what a crash left to a log that was cut short by it."""
+    installed("pyulog")
+    path = made("ulog combined", tmp_path)
+    content = path.read_bytes()[:-3]
+    added = len(content) + 43
+    flags = b"\x28\0B" + bytes(8) + b"\1" + bytes(7) + added.to_bytes(8, "little") + bytes(16)
+    path.write_bytes(content[:16] + flags + content[16:] + b"\1\0S1")
+    (record,) = read(config("ulog combined", path))
+    assert len(record.gyro) == COUNT - 1
+    assert any("the last 46 bytes are no whole" in note for note in record.notes)
+
+
+def test_a_table_with_many_times_the_others_rows_is_taken_and_said(tmp_path):
+    """As of PX4, which logs one topic in full and the others now and then."""
+    installed("h5py")
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, count in (("full", COUNT), ("seldom", COUNT // 25)):
+            file[name] = written.structured(rows(count))
+    (record,) = read(config("hdf5", tmp_path / "a.h5"))
+    assert len(record.gyro) == COUNT
+    about = "table: full of a.h5 was read; it also holds seldom (10 rows)"
+    assert about in record.notes
+
+
+def test_a_binary_file_that_nobody_knows_is_told_how_it_can_be_read(tmp_path):
+    (tmp_path / "a.bin").write_bytes(np.linspace(0, 1, 700).tobytes())
+    assert "read by log.dtype" in refused("npy", tmp_path / "a.bin")

@@ -57,7 +57,8 @@ def _zip(path: Path, table: np.ndarray) -> None:
 
 
 def _feather(path: Path, table: np.ndarray, **options: Any) -> None:
-    pa.feather.write_feather(pa.table(dict(zip(NAMES, table.T, strict=True))), path, **options)
+    with warnings.catch_warnings(action="ignore"):  # of version 1
+        pa.feather.write_feather(pa.table(dict(zip(NAMES, table.T, strict=True))), path, **options)
 
 
 def _stream(path: Path, table: np.ndarray) -> None:
@@ -71,6 +72,17 @@ def structured(table: np.ndarray) -> np.ndarray:
     for name, values in zip(NAMES, table.T, strict=True):
         made[name] = values
     return made
+
+
+def _npy_3(path: Path, table: np.ndarray) -> None:
+    """A field whose name is beyond Latin letters asks for version 3.0."""
+    made = np.zeros(
+        len(table), [*((name, "<f8") for name in NAMES), ("\N{GREEK SMALL LETTER OMEGA}", "<f4")]
+    )
+    for name, values in zip(NAMES, table.T, strict=True):
+        made[name] = values
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, made, version=(3, 0))
 
 
 def _parts(table: np.ndarray) -> dict[str, np.ndarray]:
@@ -256,6 +268,14 @@ def _workspace(path: Path, table: np.ndarray) -> None:
         rdata.write_rda(path, {"imu": pandas.DataFrame(table, columns=NAMES), "n": [1.0, 2.0]})
 
 
+def _r_object(path: Path, table: np.ndarray) -> None:
+    import pandas
+    import rdata
+
+    with warnings.catch_warnings(action="ignore"):
+        rdata.write_rds(path, pandas.DataFrame(table, columns=NAMES))
+
+
 ROW = ["t:f8", "pad:V2", *(f"{name}:>f8" for name in NAMES[1:])]
 
 
@@ -274,11 +294,13 @@ EVERY: dict[str, Written] = {
     "text zip": Written(_zip, "a.zip"),
     "feather": Written(_feather, "a.feather"),
     "feather zstd": Written(lambda p, t: _feather(p, t, compression="zstd"), "a.feather"),
+    "feather 1": Written(lambda p, t: _feather(p, t, version=1), "a.feather"),
     "arrow stream": Written(_stream, "a.arrows"),
     "npy": Written(lambda p, t: np.save(p, t), "a.npy", POSITIONS),
     "npy by columns": Written(lambda p, t: np.save(p, np.asfortranarray(t)), "a.npy", POSITIONS),
     "npy turned": Written(lambda p, t: np.save(p, np.ascontiguousarray(t.T)), "a.npy", POSITIONS),
     "npy fields": Written(lambda p, t: np.save(p, structured(t)), "a.npy"),
+    "npy 3.0": Written(_npy_3, "a.npy"),
     "npz": Written(_npz, "a.npz"),
     "matlab 7": Written(_matlab, "a.mat"),
     "matlab 4": Written(_matlab_rows, "a.mat"),
@@ -297,6 +319,7 @@ EVERY: dict[str, Written] = {
                          single=True),
     "dataflash text": Written(_dataflash_text, "a.log"),
     "r": Written(_workspace, "a.rda", {}, "rdata"),
+    "r object": Written(_r_object, "a.rds", {}, "rdata"),
     "rows": Written(_raw, "a.bin", {"dtype": ROW, "skip_bytes": 4}),
 }  # fmt: skip
 """Every format, by the name that a test gives it."""

@@ -130,13 +130,20 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         for own_key, at in beside.items()
     }
     warmth = angles.pop("temperature_column", None)  # which may lack some values
-    for own_key, column in angles.items():
-        require_finite(name, column[:, None], [own_key.removesuffix("_column")])
     del values[6:]
     rows = np.empty((6, len(values[0]))).T
     for at in range(6):  # each column is let go when it has been copied
         rows[:, at] = _numbers(own, keys[at], places[at], values.pop(0))
+    kept = _measured(rows, bool(which.time))
+    if kept is not None:
+        left_out = len(rows) - int(kept.sum())
+        notes.append(f"rows: {left_out} of {name} have no value of the six and were left out")
+        rows, times = rows[kept], [own[kept] for own in times]
+        angles = {own_key: column[kept] for own_key, column in angles.items()}
+        warmth = None if warmth is None else warmth[kept]
     config = _with_units(which, config, name)
+    for own_key, column in angles.items():
+        require_finite(name, column[:, None], [own_key.removesuffix("_column")])
     if "plate_column" in beside:
         config = _with_plate_unit(own, beside["plate_column"], config, name)
     if not which.time and config.rate_hz is None and own.rate_hz is not None:
@@ -163,6 +170,15 @@ def of_sheet(own: Sheet, name: str, config: LogConfig) -> Raw:
         float(stamps[0]),
     )
     return replace(raw, stamps=stamps, said=said, time_is_said=which.time_is_said)
+
+
+def _measured(rows: np.ndarray, is_timed: bool) -> np.ndarray | None:
+    """Which rows, (T, 6), have a value, (T,) of bool, where a file with a time column has others
+    too, as of sensors that come less often; None where all have."""
+    if not is_timed or not np.isnan(rows[:, 0]).any():
+        return None
+    missing = np.isnan(rows).all(axis=1)
+    return ~missing if 0 < missing.sum() < len(rows) else None
 
 
 def temperatures(values: np.ndarray) -> np.ndarray:
@@ -218,18 +234,24 @@ def _with_plate_unit(own: Sheet, at: int, config: LogConfig, name: str) -> LogCo
     return config
 
 
-def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
-    """Read named columns of a text or Parquet file, and those of the optional ones that it has:
-    (rows, columns), float64, all finite. Raises InputError where the file or a column cannot be
-    read."""
-    own = sheet(only_file(find(path), path), "file")
-    which = [*names, *(name for name in optional if name in own.names)]
-    places = named(own, "columns", which)
-    values, _ = own.columns(places)
-    numbers = [_numbers(own, "columns", at, v) for at, v in zip(places, values, strict=True)]
-    rows = np.stack(numbers, axis=1)
-    require_finite(own.file, rows, which)
-    return rows
+def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Read named columns of a file of any format, and those of the optional ones that it has: (T,)
+    each, float64, all finite. Raises InputError where the file or a column cannot be read."""
+
+    def which(own: Sheet) -> dict[str, int]:
+        wanted = [*names, *(name for name in optional if name in own.names)]
+        return dict(zip(wanted, named(own, "columns", wanted), strict=True))
+
+    with files.opened(only_file(find(path), path), LogConfig(path=path), which) as own:
+        places = which(own)
+        values, _ = own.columns(list(places.values()))
+    found = {
+        name: _numbers(own, "columns", at, column)
+        for (name, at), column in zip(places.items(), values, strict=True)
+    }
+    for name, column in found.items():
+        require_finite(own.file, column[:, None], [name])
+    return found
 
 
 def _psins(path: Path, config: LogConfig) -> Iterator[Raw]:

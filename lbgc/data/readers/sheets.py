@@ -148,7 +148,13 @@ def _utf8(content: bytes, key: str, path: Path) -> bytes:
             except UnicodeDecodeError:
                 content = content.decode("latin-1").encode()
     require(bool(content.strip()), key, path, "is empty")
-    require(b"\0" not in content, key, path, "is no text: it has null characters")
+    require(
+        b"\0" not in content,
+        key,
+        path,
+        "is no text, and in no format that is known: it "
+        "has null characters. Rows of numbers and nothing else are read by log.dtype",
+    )
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return content
