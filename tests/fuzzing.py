@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import google_crc32c
 import numpy as np
@@ -22,7 +21,7 @@ import pyarrow.parquet
 from helpers import composed, labelled
 from omegaconf import OmegaConf
 from safetensors.torch import save
-from written import EVERY, is_installed, rows
+from written import EVERY, is_installed, keys_of, rows
 
 from lbgc import user_yaml
 from lbgc.calibrate import COLUMNS
@@ -201,12 +200,10 @@ def _format(kind: str, home: Path) -> Reader:
     own.write(path, rows(40))
     files = [path] if path.is_file() else sorted(path.iterdir())
     content = {str(file.relative_to(path.parent)): file.read_bytes() for file in files}
-    units = {} if kind.startswith(("ros", "ulog", "dataflash")) else {"gyro_unit": "rad/s"}
-    said: dict[str, Any] = {"gyro_unit": "auto", "accel_unit": "auto", "latitude": 32.76,
-                            "bias_limit_deg_per_h": 5.0} | units | dict(own.said)  # fmt: skip
+    keys = {"latitude": 32.76, "bias_limit_deg_per_h": 5.0} | keys_of(kind)
 
     def read(home: Path) -> object:
-        return list(logs.read(LogConfig(path=str(home / own.name), **said)))
+        return list(logs.read(LogConfig(path=str(home / own.name), **keys)))
 
     return Reader(content, read, _possible_records, closed=path.is_dir())
 

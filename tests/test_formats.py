@@ -13,8 +13,6 @@ from lbgc.errors import InputError
 
 COUNT = 250
 SAID = {"latitude": 32.76, "heading_deg": 40.0, "bias_limit_deg_per_h": 5.0}
-STATED = ("ros", "ulog", "dataflash")
-"""Formats that state their units."""
 
 
 def installed(*packages: str | None) -> None:
@@ -33,15 +31,13 @@ def made(kind: str, home: Path, count: int = COUNT) -> Path:
 
 
 def config(kind: str, path: Path, **changes: object) -> LogConfig:
-    units = {} if kind.startswith(STATED) else {"gyro_unit": "rad/s", "accel_unit": "m/s2"}
-    auto = {"gyro_unit": "auto", "accel_unit": "auto"}
-    return LogConfig(**(auto | SAID | {"path": str(path)} | units | EVERY[kind].said | changes))
+    return LogConfig(**(SAID | {"path": str(path)} | written.keys_of(kind) | changes))
 
 
 @pytest.mark.parametrize("kind", EVERY)
 def test_one_recording_is_the_same_in_every_format(kind, tmp_path):
     (record,) = read(config(kind, made(kind, tmp_path)))
-    rounding = 2.0**-23 if EVERY[kind].single else 2.0**-50
+    rounding = EVERY[kind].rounding
     for found, wanted in ((record.gyro, MOCK.gyro), (record.accel, MOCK.accel)):
         np.testing.assert_allclose(found, wanted[:COUNT], rtol=rounding, atol=0)
     assert record.rate_hz == pytest.approx(RATE, rel=1e-6)
