@@ -210,12 +210,18 @@ def _format(kind: str, home: Path) -> Reader:
 
 FORMATS = (
     "text gz",
+    "text bz2",
     "text xz",
     "text zip",
     "feather",
+    "feather 1",
+    "arrow stream",
     "npy",
+    "npy 3.0",
     "npz",
+    "matlab 4",
     "matlab 7",
+    "matlab 7.3",
     "hdf5",
     "ros 1",
     "ros 2",
@@ -224,6 +230,7 @@ FORMATS = (
     "dataflash",
     "dataflash text",
     "r",
+    "r object",
     "rows",
 )
 

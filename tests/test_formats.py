@@ -162,6 +162,74 @@ def test_a_bags_directory_has_files_of_its_own_only(tmp_path):
     assert "a.db3 is no file of its own" in refused("ros 2", path)
 
 
+def test_a_bags_metadata_names_no_place_outside_and_builds_nothing(tmp_path):
+    path = made("ros 2", tmp_path)
+    metadata = (path / "metadata.yaml").read_text()
+    (path / "a.db3").rename(tmp_path / "other.db3")
+    assert "- a.db3" in metadata
+    for place in ("../other.db3", str(tmp_path / "other.db3")):
+        (path / "metadata.yaml").write_text(metadata.replace("- a.db3", f"- {place}"))
+        assert "are missing" in refused("ros 2", path)
+    mark = tmp_path / "ran"
+    program = f"!!python/object/apply:os.mkdir ['{mark}']"
+    (path / "metadata.yaml").write_text(metadata.replace("- a.db3", f"- {program}"))
+    assert "log.path" in refused("ros 2", path)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("kind", ["ros 1", "ros 2 mcap"])
+def test_what_a_bag_says_of_a_message_is_never_made_into_code(kind, tmp_path):
+    path = made(kind, tmp_path)
+    content = path.read_bytes()
+    old = b"Quaternion orientation\n"
+    assert old in content
+    mark = tmp_path / "ran"
+    path.write_bytes(content.replace(old, b"exec(chr(111)+chr(115))"[: len(old) - 1] + b"\n"))
+    said = refused(kind, path)
+    assert "has other fields than it has" in said
+    assert not mark.exists()
+
+
+CLOSURE = """1027
+253
+254
+6
+1
+262153
+6
+system
+2
+16
+1
+262153
+{size}
+{command}
+254
+"""
+"""A function of R without arguments, in the global environment, whose body is system(command)"""
+
+
+def test_a_function_in_an_r_file_is_no_table_and_is_not_called(tmp_path):
+    """It stands where a recording may: alone, or beside one."""
+    installed("rdata")
+    mark = tmp_path / "ran"
+    command = f"touch {mark}"
+    closure = CLOSURE.format(size=len(command), command=command)
+    matrix = "\n".join(["526", str(7 * COUNT), *(repr(v) for v in rows(COUNT).T.ravel().tolist())])
+    dim = f"1026\n1\n262153\n3\ndim\n13\n2\n{COUNT}\n7\n254\n"
+    for name, value, rest in (("a", closure, ""), ("b", closure, "imu")):
+        items = f"1026\n1\n262153\n1\n{name}\n{value}"
+        if rest:
+            items += f"1026\n1\n262153\n3\n{rest}\n{matrix}\n{dim}"
+        (tmp_path / "a.rda").write_text(f"RDA2\nA\n2\n197888\n131840\n{items}254\n")
+        if rest:
+            (record,) = read(config("npy", tmp_path / "a.rda"))
+            np.testing.assert_array_equal(record.gyro, MOCK.gyro[:COUNT])
+        else:
+            assert "holds no table of numbers" in refused("npy", tmp_path / "a.rda")
+    assert not mark.exists()
+
+
 @pytest.mark.parametrize("kind", ["text gz", "text bz2", "text xz", "text zip", "npz"])
 def test_what_unfolds_beyond_the_limit_is_refused(kind, tmp_path, monkeypatch):
     from lbgc.data.readers import tables
@@ -303,6 +371,15 @@ def test_a_reader_that_crashes_or_never_ends_is_one_line(program, says, tmp_path
     monkeypatch.setattr(apart, "_TO_END", 1.0)
     path = made("feather", tmp_path)
     assert says in refused("feather", path)
+
+
+def test_libraries_written_in_c_read_in_a_process_of_their_own():
+    """All but NumPy's and Arrow's own formats, whose readers are tried with many spoiled files."""
+    from lbgc.data.readers.formats import child, files
+
+    every = {*files._BY_MAGIC.values(), *files._BY_ENDING.values()}
+    apart = {own.reader for own in every} - {own.reader for own in files._IN_HERE}
+    assert apart == set(child.READERS)
 
 
 def test_rows_of_numbers_are_as_their_dtype_says(tmp_path):
