@@ -188,7 +188,7 @@ def _draw(tried: list[Tried]) -> Figure:
     left.semilogx(may, places, "|", color="#c0392b", markersize=8, label="rounding of its numbers")
     left.set_yticks(places, [own.name for own in tried], fontsize=7)
     left.set(xlabel="of the largest value (1e-17: equal)", title="as read, from what was written")
-    left.legend(loc="lower right", fontsize=7)
+    left.legend(loc="upper right", fontsize=7)
     for axis, colour in enumerate(("#c0392b", "#27895a", "#2c5d9b")):
         for at, own in zip(places, tried, strict=True):
             if own.figures is not None:
