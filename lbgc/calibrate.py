@@ -46,8 +46,9 @@ class CalibrateConfig:
     """The keys of `conf/calibrate.yaml`."""
 
     means: str | None = None
-    """A CSV file of recording means: heading_deg, gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s; where
-    known session (which power-up), and accel_x_m_s2, accel_y_m_s2, accel_z_m_s2, which level it."""
+    """A table of recording means, in any format of logs: heading_deg, gyro_x_deg_s, gyro_y_deg_s,
+    gyro_z_deg_s; where known session (which power-up), and accel_x_m_s2, accel_y_m_s2,
+    accel_z_m_s2, which level it."""
     latitude: float | None = None
     """degrees, of those means"""
     data: str | None = None
@@ -113,18 +114,20 @@ def given_of(records: Iterable[Record], name: str, session: np.ndarray | None) -
 
 
 def _read_table(path: str, latitude: float) -> Given:
-    """The means in a CSV file; latitude : rad."""
-    table = logs.columns(path, COLUMNS, optional=("session",))
-    session = table[:, 4] if table.shape[1] > 4 else None
-    names = tuple(f"{shown(path)}, row {row}" for row in range(len(table)))
-    force, tilt = np.zeros((len(table), 3)), None
-    found = logs.columns(path, COLUMNS[:1], optional=FORCES).shape[1] - 1
-    if found:
-        force = logs.columns(path, FORCES)
+    """The means in a table; latitude : rad."""
+    table = logs.columns(path, COLUMNS, optional=("session", *FORCES))
+    heading, *rates = (table[name] * DEG for name in COLUMNS)
+    names = tuple(f"{shown(path)}, row {row}" for row in range(len(heading)))
+    force, tilt = np.zeros((len(heading), 3)), None
+    missing = [name for name in FORCES if name not in table]
+    if len(missing) < len(FORCES):
+        about = f"is no column of {shown(path)}: all three of {', '.join(FORCES)} level, or none"
+        require(not missing, "columns", ", ".join(missing), about)
+        force = np.stack([table[name] for name in FORCES], axis=1)
         tilt = tilts_of(force, names)
-    rates, latitudes = table[:, 1:4] * DEG, np.full(len(table), latitude)
-    means = rest.Means(rates, force, table[:, 0] * DEG, latitudes, names, ())
-    return Given(shown(path), means, session, tilt)
+    latitudes = np.full(len(heading), latitude)
+    means = rest.Means(np.stack(rates, axis=1), force, heading, latitudes, names, ())
+    return Given(shown(path), means, table.get("session"), tilt)
 
 
 def require_sound(given: Given) -> None:

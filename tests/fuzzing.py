@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import google_crc32c
 import numpy as np
@@ -22,7 +21,7 @@ import pyarrow.parquet
 from helpers import composed, labelled
 from omegaconf import OmegaConf
 from safetensors.torch import save
-from written import EVERY, is_installed, rows
+from written import EVERY, is_installed, keys_of, rows
 
 from lbgc import user_yaml
 from lbgc.calibrate import COLUMNS
@@ -201,24 +200,28 @@ def _format(kind: str, home: Path) -> Reader:
     own.write(path, rows(40))
     files = [path] if path.is_file() else sorted(path.iterdir())
     content = {str(file.relative_to(path.parent)): file.read_bytes() for file in files}
-    units = {} if kind.startswith(("ros", "ulog", "dataflash")) else {"gyro_unit": "rad/s"}
-    said: dict[str, Any] = {"gyro_unit": "auto", "accel_unit": "auto", "latitude": 32.76,
-                            "bias_limit_deg_per_h": 5.0} | units | dict(own.said)  # fmt: skip
+    keys = {"latitude": 32.76, "bias_limit_deg_per_h": 5.0} | keys_of(kind)
 
     def read(home: Path) -> object:
-        return list(logs.read(LogConfig(path=str(home / own.name), **said)))
+        return list(logs.read(LogConfig(path=str(home / own.name), **keys)))
 
     return Reader(content, read, _possible_records, closed=path.is_dir())
 
 
 FORMATS = (
     "text gz",
+    "text bz2",
     "text xz",
     "text zip",
     "feather",
+    "feather 1",
+    "arrow stream",
     "npy",
+    "npy 3.0",
     "npz",
+    "matlab 4",
     "matlab 7",
+    "matlab 7.3",
     "hdf5",
     "ros 1",
     "ros 2",
@@ -227,6 +230,7 @@ FORMATS = (
     "dataflash",
     "dataflash text",
     "r",
+    "r object",
     "rows",
 )
 
@@ -250,7 +254,11 @@ def _means() -> Reader:
         return logs.columns(str(home / "means.csv"), COLUMNS, optional=("session",))
 
     content = {"means.csv": _csv([*COLUMNS, "session"], rows)}
-    return Reader(content, read, lambda found: bool(np.isfinite(found).all()))  # type: ignore[arg-type]
+
+    def is_right(found: object) -> bool:
+        return isinstance(found, dict) and all(np.isfinite(own).all() for own in found.values())
+
+    return Reader(content, read, is_right)
 
 
 # --- configurations ---------------------------------------------------------------------------

@@ -11,7 +11,7 @@ STUDIES = ROOT / "tests/studies"
 SMALL = yaml.safe_load((STUDIES / "small.yaml").read_text())
 _HELPERS = {
     *("common", "scoring", "swaying", "vehicle_likeness"),
-    *("transactional_harm", "transactional_stores"),
+    *("transactional_harm", "transactional_stores", "logs_day", "logs_formats"),
 }
 _NAMES = {path.stem for path in STUDIES.glob("*.py")} - _HELPERS
 if find_spec("distributed") is None:  # an extra

@@ -319,8 +319,9 @@ def test_columns_of_force_level_the_means(cli, tmp_path, rng):
     table = {"heading_deg": np.array([r.heading_reference / DEG for r in drawn])}
     table |= {f"gyro_{x}_deg_s": v for x, v in zip("xyz", (gyro / DEG).T, strict=True)}
     write(tmp_path / "level.csv", table)
-    write(tmp_path / "m.csv", table | dict(zip(FORCES, force.T, strict=True)))
-    done = cli("lbgc.calibrate", "means=m.csv", "latitude=40")
+    levelled = table | dict(zip(FORCES, force.T, strict=True))
+    np.savez(tmp_path / "m.npz", **levelled)  # any format of logs
+    done = cli("lbgc.calibrate", "means=m.npz", "latitude=40")
     found = json.loads((tmp_path / done.last_line).read_text())
     assert np.abs(found["matrix"]).max() < 0.01
     assert "roll and pitch are up to" in done.out
@@ -356,12 +357,14 @@ def test_the_published_recordings_figures(cli, tmp_path):
         (("means=nonesuch.csv", "latitude=40"), "is not at nonesuch.csv"),
         (("means=few.csv", "latitude=40"), "2 recordings: are too few: 3 at the least"),
         (("means=wrong.csv", "latitude=40"), "columns = heading_deg: is no column of wrong"),
+        (("means=half.csv", "latitude=40"), "columns = accel_z_m_s2: is no column of half.csv"),
     ],
 )
 def test_bad_calibration_input_is_named(cli, tmp_path, options, says):
     names = ("heading_deg", "gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
     write(tmp_path / "few.csv", {name: np.arange(2.0) for name in names})
     write(tmp_path / "wrong.csv", {"a": np.arange(3.0)})
+    write(tmp_path / "half.csv", {name: np.arange(9.0) for name in (*names, *FORCES[:2])})
     done = cli("lbgc.calibrate", *options)
     assert done.code == 2
     assert says in done.err

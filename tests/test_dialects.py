@@ -3,6 +3,7 @@
 import cases
 import numpy as np
 import pytest
+from dialect_files import NAMES, files, rows, text
 from test_clock import noted, one, records
 
 from lbgc.data.readers.column_names import Described, described, unit
@@ -13,85 +14,8 @@ from lbgc.errors import InputError
 N = 1200
 T, W, F = cases.static(100, N / 100, arw=0.02, seed=1)
 DEG = np.rad2deg(W)
-NAMES = ["t", *cases.HEADER]
-
-
-def rows(*columns, sep=",", decimal=".", fmt=".12g") -> list[str]:
-    table = np.column_stack(columns)
-    return [sep.join(format(v, fmt) for v in row).replace(".", decimal) for row in table]
-
-
-def text(names, lines, sep=",", before="", end="\n") -> str:
-    header = [sep.join(names)] if names else []
-    return before + end.join([*header, *lines]) + end
-
-
-SI = rows(T, W, F)
 PLAIN = rows(T, DEG, F)
-GERMAN = ["Zeit [s]", *(f"g{x} [°/s]" for x in "xyz"), *(f"a{x} [m/s²]" for x in "xyz")]
-PHONE = [f"{a} {x} ({u})" for a, u in (("Gyroscope", "rad/s"), ("Acceleration", "m/s^2"))
-         for x in "xyz"]  # fmt: skip
-EUROC = [f"{a}_RS_S_{x} [{u}]" for a, u in (("w", "rad s^-1"), ("a", "m s^-2")) for x in "xyz"]
-XSENS = ["PacketCounter", "SampleTimeFine", *(f"{k}_{x}" for k in ("Acc", "Gyr") for x in "XYZ")]
-ROS = ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]
-ROS += [f"{k}.{x}" for k in ("angular_velocity", "linear_acceleration") for x in "xyz"]
-LABVIEW = (
-    "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\nTime\t12:00:00,123\n"
-    "***End_of_Header***\t\n\t\nSamples\t1200\t1200\t1200\t1200\t1200\t1200\t\n"
-    "X0\t0,0E+0\t0,0E+0\t0,0E+0\t0,0E+0\t0,0E+0\t0,0E+0\t\n"
-    "Delta_X\t0,01\t0,01\t0,01\t0,01\t0,01\t0,01\t\n***End_of_Header***\t\t\t\t\t\t\t\n"
-)
-PREAMBLE = "FILE_INFO\nModelName,TEST\n\n" + "".join(f"Key_{k},{k}\n" for k in range(3000))
-CLOCK = [f"23:59:{t + 50:05.2f}" if t < 9.995 else f"00:00:{t - 10:05.2f}" for t in T]
-NOON = [f"12:00:{t:06.3f}" for t in T]
-ns = 1_403_636_579_758_555_392 + np.round(T * 1e9).astype(np.int64)
-
-FILES: dict[str, tuple[str | bytes, dict]] = {
-    "xsens": (text(XSENS, [f"{k:05d}\t{10_000 * t:.0f}\t{r}" for k, (t, r) in enumerate(zip(
-        T, rows(F, W, sep="\t"), strict=True))], "\t", "// Start Time: Unknown\n// Update Rate: "
-        "100.0Hz\n// Filter Profile: general (50.1)\n"), {"gyro_unit": "rad/s"}),
-    "euroc": (text(["#timestamp [ns]", *EUROC],
-                   [f"{t},{r}" for t, r in zip(ns, rows(W, F), strict=True)], end="\r\n"), {}),
-    "ros": (text(ROS, [f"{t // 10**9},{t % 10**9},imu,{r}" for t, r in
-                       zip(ns, rows(W, F), strict=True)]), {"gyro_unit": "rad/s"}),
-    "phone": (text([f'"{n}"' for n in ("Time (s)", *PHONE)], SI), {}),
-    "excel_german": (text(GERMAN, rows(T, DEG, F, sep=";", decimal=","), ";", end="\r\n")
-                     .encode("cp1252"), {}),
-    "bom_trailing": (text([*NAMES, ""], [r + ";" for r in rows(T, DEG, F, sep=";", decimal=",")],
-                          ";", "\ufeff"), {}),
-    "labview": (text(["X_Value", *(f"{k} {x}" for k in ("gyro", "acc") for x in "xyz"), "Comment"],
-                     [r + "\t" for r in rows(T, DEG, F, sep="\t", decimal=",")], "\t", LABVIEW),
-                {}),
-    "matlab": (text([], PLAIN), {"columns": [2, 3, 4, 5, 6, 7], "time_column": 1}),
-    "savetxt": (text(["# t", *NAMES[1:]], rows(T, DEG, F, sep=" ", fmt=".18e"), " "), {}),
-    "units_row": (text(["t", "gx", "gy", "gz", "ax", "ay", "az"],
-                       ["ms,dps,dps,dps,g,g,g", *rows(1e3 * T, DEG, F / 9.80665)]), {}),
-    "r_table": (text([f'"{n}"' for n in NAMES], [f'"{k}" {r}' for k, r in enumerate(
-        rows(T, DEG, F, sep=" "), start=1)], " "), {}),
-    "aligned": (text(["Time (s)", "gx (deg/s)", "gy (deg/s)", "gz (deg/s)", "ax", "ay", "az"],
-                     rows(T, DEG, F, sep="  ", fmt="18.12f"), "  "), {}),
-    "quoted_decimal_comma": (text(NAMES, [",".join(f'"{v}"' for v in r.split(";")) for r in
-                                          rows(T, DEG, F, sep=";", decimal=",")]), {}),
-    "plus_signs": (text(NAMES, rows(T, DEG, F, fmt="+.12f")), {}),
-    "old_mac": (text(NAMES, PLAIN, end="\r"), {}),
-    "utf16": (text(NAMES, PLAIN).encode("utf-16"), {}),
-    "utf16_bare": (text(NAMES, PLAIN).encode("utf-16-be"), {}),
-    "pipes": (text([f"| {' | '.join(NAMES)} |", "|---|---|---|---|---|---|---|"],
-                   ["| " + r.replace(",", " | ") + " |" for r in PLAIN], "\n"), {}),
-    "long_preamble": (text(NAMES, PLAIN, before=PREAMBLE), {}),
-    "comments_within": (text(NAMES, [*PLAIN[:600], "# a break, 1, 2", "", *PLAIN[600:]]), {}),
-    "other_columns": (text(["t", "gps", "status", *NAMES[1:]],
-                           [f"{r.split(',')[0]},{5.5 if k % 10 == 0 else ''},OK,"
-                            f"{r.split(',', 1)[1]}" for k, r in enumerate(PLAIN)]), {}),
-    "clock_times": (text(["clock", *NAMES[1:]], [f"{c},{r}" for c, r in zip(
-        CLOCK, rows(DEG, F), strict=True)]), {"time_column": "clock"}),
-    "german_dates": (text(["Zeit", *NAMES[1:]], [f"26.11.2026 {c};{r}".replace(".", ",").replace(
-        "26,11,", "26.11.") for c, r in zip(NOON, rows(DEG, F, sep=";"), strict=True)], ";"), {}),
-    "milli": (text(["Time (us)", *(f"Gyro {x} (mrad/s)" for x in "XYZ"),
-                    *(f"Accel {x} (mg)" for x in "XYZ")],
-                   rows(1e6 * T, 1e3 * W, 1e3 * F / 9.80665)), {}),
-    "vicinity": (text(NAMES, PLAIN, before="Calibration 1 0 0 0 1 0 0 0 1\nSerial 12345\n\n"), {}),
-}  # fmt: skip
+FILES = files(T, W, F)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -215,6 +139,20 @@ def test_stated_rates():
     assert stated_rate(["bench 3", "50 Hz mains"]) is None
 
 
+def test_rows_of_other_sensors_that_come_less_often_are_left_out_where_there_is_a_clock(tmp_path):
+    """As MicroStrain's export has a position once a second, in a row of its own."""
+    path = tmp_path / "log.csv"
+    names = ["GPS TOW", *NAMES[1:], "Lat [x8103]", "UTC Second [x8108]"]
+    lines = [f"{row},," for row in PLAIN]
+    lines[700:700] = ["6.9999,,,,,,,48.1,7", "7.0001,,,,,,,48.1,7"]
+    path.write_text(text(names, lines))
+    record = one(path)
+    np.testing.assert_allclose(record.gyro, W, rtol=1e-9, atol=1e-12)
+    assert noted(record, "rows: 2 of log")
+    with pytest.raises(InputError, match="gyro x in row 700 = nan"):  # may as well be lost samples
+        one(path, time_column="none", rate_hz=100.0)
+
+
 def test_a_stated_rate_is_taken_where_there_is_no_time(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text(text(cases.HEADER, rows(DEG, F), before="# Update Rate: 100 Hz\n"))
@@ -232,7 +170,9 @@ def test_a_stated_rate_is_taken_where_there_is_no_time(tmp_path):
         ("Time since start in ms", ("time", None, "ms")), ("Temp", (None, None, None)),
         ("angular_velocity_covariance_0", (None, None, None)), ("Mag_X", (None, None, None)),
         ("ωz [°/s]", ("gyro", "z", "deg/s")), ("gz (g)", (None, None, "g")),
-        ("x", (None, None, None)),
+        ("x", (None, None, None)), ("UTC Second [x8108]", (None, None, None)),
+        ("GPS TOW", ("time", None, None)), ("raw_acceleration_x_gs", ("accel", "x", "g")),
+        ("wb_x", ("gyro", "x", None)), ("fb_z", ("accel", "z", None)),
     ],
 )  # fmt: skip
 def test_names_are_understood(name, says):

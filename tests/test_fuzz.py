@@ -19,7 +19,7 @@ CHEAP = {"csv": 60, "recordings": 40, "means": 40, "parquet": 60, "psins": 60, "
          "log yaml": 30, "checkpoint": 30, "model": 40, "store payload": 8, "store documents": 15,
          "manifest": 10,
          **dict.fromkeys(FORMATS, 4),
-         **dict.fromkeys(("text gz", "npy", "npz", "rows"), 40)}  # fmt: skip
+         **dict.fromkeys(("text gz", "npy", "npz", "rows"), 40), "npy 3.0": 20}  # fmt: skip
 
 steps = st.lists(
     st.tuples(st.sampled_from(list(EDITS)), st.floats(0, 1), st.integers(0, 2**31)),

@@ -357,7 +357,7 @@ def test_fit_reads_the_noise_of_a_turned_dataset(tmp_path, monkeypatch, capsys):
     for kind in ("indexed", "carousel"):
         generate(tmp_path / kind, recordings=1, rate_hz=10.0, duration_s=150.0, imu=own,
                  protocol=replace(indexed(0, 0, 180), kind=kind))  # fmt: skip
-    static = lbgc.fit._read(FitConfig(data="indexed", name="mine"))
+    (static,) = lbgc.fit._read(FitConfig(data="indexed", name="mine"))
     assert static.gyro.shape == (2, 685, 3)
     assert not static.turned
     assert static.heading is None

@@ -13,7 +13,7 @@ from helpers import ROOT
 
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.logs import read
-from lbgc.data.looking import columns, stretch
+from lbgc.data.looking import columns, sensor, stretch
 from lbgc.data.looking.doctor import looked
 from lbgc.data.readers.texts import sheet
 from lbgc.look import Said, as_override
@@ -31,6 +31,20 @@ def still(hz: float = 100, seconds: float = 300, latitude: float = 48.1, **optio
     """Time, s, rates, deg/s, and forces, m/s^2, (T, 7), forward-right-down."""
     t, w, f = cases.static(hz, seconds, latitude, **options)
     return np.column_stack([t, np.rad2deg(w), f])
+
+
+def test_a_moment_of_a_log_that_moves_tells_no_unit_of_its_gyros(tmp_path):
+    """A second of flight in rad/s is a rest with a bias in deg/s."""
+    rows = still(seconds=60)
+    log = sensor.Means("flight", rows[:, 1:4], rows[:, 4:], 100.0)
+    for seconds, moves, brief in ((60, True, False), (1, False, False), (1, True, True)):
+        found = sensor.gyro_unit(log.part(0, 100 * seconds), None, np.deg2rad(48.1), moves)
+        assert ("it moves, and rests for 1 s at most" in found.why) == brief
+        assert found.value is None or not brief
+    rows[:2000, 1:4] += 2 * np.sin(rows[:2000, :1] / 3)
+    rows[2100:, 1:4] += 2 * np.sin(rows[2100:, :1] / 3)
+    look = looked(written(tmp_path / "flight.csv", rows[:, 1:]), {"rate_hz": 100.0})
+    assert "gyro_unit" in {guess.key for guess in look.asks}
 
 
 def test_logs_as_people_have_them(tmp_path):

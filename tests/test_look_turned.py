@@ -1,4 +1,5 @@
-"""The log doctor on a plate that turned: it finds the column of its angle, or asks; and a log's memory."""
+"""The log doctor on a plate that turned: it finds the column of its angle, or asks; and a
+log's memory."""
 
 import subprocess
 import sys

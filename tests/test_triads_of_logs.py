@@ -154,6 +154,11 @@ def test_stamps_that_nearly_agree_are_joined_row_by_row(tmp_path):
     np.testing.assert_allclose(record.accel[:, 1], values["f_y"], rtol=1e-12)
     assert record.notes[0].startswith("one clock:")
     assert "0.2 of a sample" in record.notes[0]
+    late["mark"] = late.pop("t")  # a name that tells no time
+    file = write(tmp_path / "accel.csv", late)
+    (same,) = read(config(gyro, accel_path=str(file), accel_time_column="mark"))
+    np.testing.assert_array_equal(same.accel, record.accel)
+    assert same.notes == record.notes
 
 
 def test_files_without_a_clock_have_rows_of_the_same_instants(tmp_path):
@@ -302,8 +307,8 @@ def test_scale_and_offset_of_each_axis(tmp_path):
     for a, factor, zero in zip("xyz", scale, offset, strict=True):
         counts[f"w_{a}"] = counts[f"w_{a}"] / factor + zero
         counts[f"f_{a}"] = counts[f"f_{a}"] / factor + zero
-    said = {f"{part}_{key}": own for part in ("gyro", "accel")
-            for key, own in (("scale", scale), ("offset", offset))}  # fmt: skip
+    said = {"gyro_scale": scale, "gyro_offset": offset, "accel_scale": scale,
+            "accel_offset": offset}  # fmt: skip
     file = write(tmp_path / "counts.csv", counts)
     with pytest.raises(InputError, match="mirrored frame with the signs of gyro_scale"):
         config(file, **said)

@@ -135,7 +135,7 @@ def test_a_log_that_warms_up_becomes_a_sensor_that_does(cli, tmp_path):
 def test_skip_s_leaves_out_the_start(tmp_path):
     turn_on(tmp_path)
     options = ("log=csv", f"log.path={tmp_path / 'log.csv'}", "log.rate_hz=20", "log.latitude=48.1")
-    whole, cut = (
+    (whole,), (cut,) = (
         lbgc.fit._read(composed(lbgc.fit.FitConfig, "fit", *options, f"skip_s={skip}"))
         for skip in (0, 1800)
     )

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.feather
+import pyarrow.parquet
 import scipy.io
 
 from lbgc.data.record import mock_record
@@ -42,8 +43,8 @@ class Written:
     """What a user must say of it."""
     package: str | None = None
     """What its reader needs."""
-    single: bool = False
-    """Whether the format holds float32."""
+    rounding: float = 2.0**-50
+    """The largest relative error of a number that was written and read."""
 
 
 def _text(table: np.ndarray) -> bytes:
@@ -57,7 +58,8 @@ def _zip(path: Path, table: np.ndarray) -> None:
 
 
 def _feather(path: Path, table: np.ndarray, **options: Any) -> None:
-    pa.feather.write_feather(pa.table(dict(zip(NAMES, table.T, strict=True))), path, **options)
+    with warnings.catch_warnings(action="ignore"):  # of version 1
+        pa.feather.write_feather(pa.table(dict(zip(NAMES, table.T, strict=True))), path, **options)
 
 
 def _stream(path: Path, table: np.ndarray) -> None:
@@ -71,6 +73,17 @@ def structured(table: np.ndarray) -> np.ndarray:
     for name, values in zip(NAMES, table.T, strict=True):
         made[name] = values
     return made
+
+
+def _npy_3(path: Path, table: np.ndarray) -> None:
+    """A field whose name is beyond Latin letters asks for version 3.0."""
+    made = np.zeros(
+        len(table), [*((name, "<f8") for name in NAMES), ("\N{GREEK SMALL LETTER OMEGA}", "<f4")]
+    )
+    for name, values in zip(NAMES, table.T, strict=True):
+        made[name] = values
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, made, version=(3, 0))
 
 
 def _parts(table: np.ndarray) -> dict[str, np.ndarray]:
@@ -256,6 +269,14 @@ def _workspace(path: Path, table: np.ndarray) -> None:
         rdata.write_rda(path, {"imu": pandas.DataFrame(table, columns=NAMES), "n": [1.0, 2.0]})
 
 
+def _r_object(path: Path, table: np.ndarray) -> None:
+    import pandas
+    import rdata
+
+    with warnings.catch_warnings(action="ignore"):
+        rdata.write_rds(path, pandas.DataFrame(table, columns=NAMES))
+
+
 ROW = ["t:f8", "pad:V2", *(f"{name}:>f8" for name in NAMES[1:])]
 
 
@@ -266,19 +287,39 @@ def _raw(path: Path, table: np.ndarray) -> None:
     path.write_bytes(b"HEAD" + made.tobytes())
 
 
+def _parquet(path: Path, table: np.ndarray) -> None:
+    pa.parquet.write_table(pa.table(dict(zip(NAMES, table.T, strict=True))), path)
+
+
+def _psins(path: Path, table: np.ndarray) -> None:
+    """Increments in counts of 2^-20 arcsec and 2^-10 ug s, not rounded to whole ones."""
+    dt, gravity = table[1, 0] - table[0, 0], 9.78
+    gyro = np.rad2deg(table[:, 1:4]) * 3600 * dt * 2**20
+    accel = table[:, 4:] / gravity * 1e6 * dt * 2**10
+    scales = [2.0**-20] * 3 + [2.0**-10] * 3
+    head = [[0.0] * 6, [32.76, 35.0, 0.0, 0.0, 1e3 * dt, gravity], scales]
+    np.savetxt(path, np.vstack([head, np.hstack([gyro, accel])]), "%.17g")
+
+
+SINGLE = 2.0**-23
+"""Rounding of float32"""
 POSITIONS = {"columns": [2, 3, 4, 5, 6, 7], "time_column": 1}
 EVERY: dict[str, Written] = {
+    "parquet": Written(_parquet, "a.parquet"),
+    "psins": Written(_psins, "a.imu", {"reader": "psins"}, rounding=2.0**-46),
     "text gz": Written(lambda p, t: p.write_bytes(gzip.compress(_text(t))) and None, "a.csv.gz"),
     "text bz2": Written(lambda p, t: p.write_bytes(bz2.compress(_text(t))) and None, "a.csv.bz2"),
     "text xz": Written(lambda p, t: p.write_bytes(lzma.compress(_text(t))) and None, "a.csv.xz"),
     "text zip": Written(_zip, "a.zip"),
     "feather": Written(_feather, "a.feather"),
     "feather zstd": Written(lambda p, t: _feather(p, t, compression="zstd"), "a.feather"),
+    "feather 1": Written(lambda p, t: _feather(p, t, version=1), "a.feather"),
     "arrow stream": Written(_stream, "a.arrows"),
     "npy": Written(lambda p, t: np.save(p, t), "a.npy", POSITIONS),
     "npy by columns": Written(lambda p, t: np.save(p, np.asfortranarray(t)), "a.npy", POSITIONS),
     "npy turned": Written(lambda p, t: np.save(p, np.ascontiguousarray(t.T)), "a.npy", POSITIONS),
     "npy fields": Written(lambda p, t: np.save(p, structured(t)), "a.npy"),
+    "npy 3.0": Written(_npy_3, "a.npy"),
     "npz": Written(_npz, "a.npz"),
     "matlab 7": Written(_matlab, "a.mat"),
     "matlab 4": Written(_matlab_rows, "a.mat"),
@@ -289,17 +330,30 @@ EVERY: dict[str, Written] = {
     "ros 2": Written(_ros2, "a", {}, "rosbags"),
     "ros 2 sqlite": Written(_ros2_file, "a.db3", {}, "rosbags"),
     "ros 2 mcap": Written(_ros2_file, "a.mcap", {}, "rosbags"),
-    "ulog combined": Written(_ulog(sensor_combined=COMBINED), "a.ulg", {}, "pyulog", True),
-    "ulog vehicle_imu": Written(_ulog(vehicle_imu=VEHICLE), "a.ulg", {}, "pyulog", True),
+    "ulog combined": Written(_ulog(sensor_combined=COMBINED), "a.ulg", {}, "pyulog", SINGLE),
+    "ulog vehicle_imu": Written(_ulog(vehicle_imu=VEHICLE), "a.ulg", {}, "pyulog", SINGLE),
     "ulog two sensors": Written(_ulog(sensor_gyro=GYRO, sensor_accel=ACCEL), "a.ulg", {}, "pyulog",
-                                True),
+                                SINGLE),
     "dataflash": Written(lambda p, t: p.write_bytes(dataflash(t)) and None, "a.bin",
-                         single=True),
+                         rounding=SINGLE),
     "dataflash text": Written(_dataflash_text, "a.log"),
     "r": Written(_workspace, "a.rda", {}, "rdata"),
+    "r object": Written(_r_object, "a.rds", {}, "rdata"),
     "rows": Written(_raw, "a.bin", {"dtype": ROW, "skip_bytes": 4}),
 }  # fmt: skip
 """Every format, by the name that a test gives it."""
+
+
+_STATED = ("ros", "ulog", "dataflash")
+"""Formats that state their units"""
+
+
+def keys_of(kind: str) -> dict[str, Any]:
+    """What a user must say of a format's file, by the keys of `LogConfig`."""
+    units = {"gyro_unit": "auto", "accel_unit": "auto"}
+    if not kind.startswith(_STATED):
+        units = {"gyro_unit": "rad/s", "accel_unit": "m/s2"}
+    return {**units, **EVERY[kind].said}
 
 
 def is_installed(kind: str) -> bool:

@@ -13,13 +13,11 @@ from lbgc.data.checks.alone import alone_note, checked_alone
 from lbgc.data.checks.moved import PLATE
 from lbgc.data.logconfig import NONE, LogConfig
 from lbgc.data.positions import at_positions, joined
-from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite, triads_apart
-from lbgc.data.readers.repeats import sampled, without_printed_twice
-from lbgc.data.readers.stretches import within
-from lbgc.data.readers.timing import EvenPieces, timing
+from lbgc.data.readers.pieces import Piece, pieces_of, timed
+from lbgc.data.readers.raw import READERS, Raw, columns, find, triads_apart
 from lbgc.data.record import Record, TriadRecord
 from lbgc.data.rests import without_flicker
-from lbgc.errors import InputError, require
+from lbgc.errors import require
 from lbgc.frames import AXES, DOWN
 from lbgc.sensor.imu import ImuModel
 
@@ -158,7 +156,7 @@ def _told_apart(records: Iterable[Record]) -> list[Record]:
 def _records(raw: Raw) -> Iterator[Record]:
     """The records of a file, in SI and forward-right-down, one for each evenly sampled piece. They
     take the place of `raw`, whose values are converted where they stand: a day has them once."""
-    for own in _pieces(*_timed(raw)):
+    for own in pieces_of(*timed(raw)):
         fields = converted.fields_of(own.raw, own.rate_hz, own.notes)
         rates = converted.rates(own.raw, own.rate_hz)
         forces = converted.forces(own.raw, own.rate_hz)
@@ -176,7 +174,7 @@ def _triad_records(raw: Raw) -> Iterator[TriadRecord]:
     turned = raw.config.positions or raw.config.angles_deg
     about = "is for gyros and accelerometers both: noise of one triad is fitted to a log at rest"
     require(not turned, "log.positions", turned, about)
-    for own in _pieces(*_timed(raw)):
+    for own in pieces_of(*timed(raw)):
         record = _of_a_triad(own, converted.fields_of(own.raw, own.rate_hz, own.notes))
         still = bool(np.ptp(record.plate_angle) < PLATE)
         require(still, "log.plate_column", raw.config.plate_column, f"turns in {own.raw.name}, and "
@@ -184,7 +182,7 @@ def _triad_records(raw: Raw) -> Iterator[TriadRecord]:
         yield record
 
 
-def _of_a_triad(own: "_Piece", fields: Mapping[str, Any]) -> TriadRecord:
+def _of_a_triad(own: Piece, fields: Mapping[str, Any]) -> TriadRecord:
     """The recording of a piece's one triad, its values converted. fields : those of its record."""
     part = "gyro" if own.raw.gyro.shape[1] else "accel"
     values = (converted.rates if part == "gyro" else converted.forces)(own.raw, own.rate_hz)
@@ -194,18 +192,18 @@ def _of_a_triad(own: "_Piece", fields: Mapping[str, Any]) -> TriadRecord:
 def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
     """The recordings of two triads whose clocks differ, where they have the time in common; the
     triads on their own clocks with the first. Raises InputError where they have none."""
-    timed = [_timed(gyro), _timed(accel)]
+    both = [timed(gyro), timed(accel)]
     late = gyro.config.accel_late_s
     begun = [
         two_clocks.start(raw, clock, clock.pieces[0]) - by
-        for (raw, clock), by in zip(timed, (0.0, late), strict=True)
+        for (raw, clock), by in zip(both, (0.0, late), strict=True)
     ]
     gyros, accels = (
         [
             (own, two_clocks.start(raw, clock, own.rows) - by)
-            for own in _pieces(raw, clock, max(begun) - first)
+            for own in pieces_of(raw, clock, max(begun) - first)
         ]
-        for (raw, clock), by, first in zip(timed, (0.0, late), begun, strict=True)
+        for (raw, clock), by, first in zip(both, (0.0, late), begun, strict=True)
     )
     fields = [converted.fields_of(own.raw, own.rate_hz, own.notes) for own, _ in gyros]
     rates = [_of_a_triad(own, of) for (own, _), of in zip(gyros, fields, strict=True)]
@@ -235,88 +233,6 @@ def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
         name = own.name if len(kept) == 1 else f"{gyro.name} part {number}"
         record = _positioned(replace(own, name=name), gyro)
         yield Recording(record, gyro.config, () if number > 1 else (*rates, *forces))
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """An evenly sampled piece of a file."""
-
-    raw: Raw
-    """Its samples, without time stamps"""
-    rate_hz: float
-    """Samples a second"""
-    rows: slice
-    """The file's rows"""
-    notes: tuple[str, ...]
-    """What was assumed of its clock and its samples"""
-
-
-def _timed(raw: Raw) -> tuple[Raw, EvenPieces]:
-    """A file without rows that are printed twice, and its clock."""
-    rows = max(len(raw.gyro), len(raw.accel))
-    require(rows > 1, raw.name, f"{rows} samples", "is no recording")
-    raw = without_printed_twice(raw)
-    return raw, clock_of(raw)
-
-
-def _pieces(raw: Raw, clock: EvenPieces, shift_s: float = 0.0) -> Iterator[_Piece]:
-    """The pieces of a file that are read. shift_s : the time, s, from the file's first sample to
-    that from which the configuration's times count."""
-    raw = replace(raw, stamps=None)
-    pieces, cut = within(clock, raw.config, raw.name, shift_s)
-    for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
-        require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"], pieces)
-    if raw.config.positions is not None:
-        whole = pieces == [slice(0, len(raw.gyro))]
-        about = f"is for {raw.name} from its first sample to its last, in one piece"
-        require(whole, "log.positions", raw.config.positions, about)
-    for number, piece in enumerate(pieces, start=1):
-        name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
-        gyro, accel, rate, notes = sampled(
-            name, raw.gyro[piece], raw.accel[piece], clock.rate_hz, raw.config.repeats
-        )
-        samples = max(len(gyro), len(accel))
-        own = replace(
-            raw,
-            name=name,
-            gyro=gyro,
-            accel=accel,
-            plate=_beside(raw.plate, piece, samples),
-            heading=_beside(raw.heading, piece, samples),
-            temperature=_beside(raw.temperature, piece, samples),
-        )
-        yield _Piece(own, rate, piece, (*raw.notes, *clock.notes, *cut, *notes))
-
-
-def _beside(column: np.ndarray | None, piece: slice, samples: int) -> np.ndarray | None:
-    """The values, (samples,), of a column beside the sensors' at the ends of a piece's samples,
-    which may be held for several rows."""
-    if column is None:
-        return None
-    own = column[piece]
-    if len(own) == samples:
-        return own
-    ends = np.round(np.arange(1, samples + 1) * (len(own) / samples)).astype(int) - 1
-    return np.asarray(own[np.clip(ends, 0, len(own) - 1)])
-
-
-def clock_of(raw: Raw) -> EvenPieces:
-    """The log's rate and pieces by its time stamps, or by the stated rate where it has none."""
-    stated = raw.config.rate_hz
-    if raw.stamps is None:
-        require(
-            stated is not None, "log.rate_hz", None, "must be given: the log has no time, or no "
-            "column that its name tells (log.time_column)"
-        )  # fmt: skip
-        assert stated is not None
-        return EvenPieces(stated, (slice(0, len(raw.gyro)),))
-    try:
-        return timing(raw.name, raw.stamps, raw.said, stated, raw.config.gaps)
-    except InputError as error:
-        if raw.time_is_said or stated is None or error.name != "log.time_unit":
-            raise
-        whole = (slice(0, len(raw.gyro)),)
-        return EvenPieces(stated, whole, (f"time: not used, since {error.choices}",))
 
 
 __all__ = ["LogConfig", "checked", "columns", "read", "read_noise", "unchecked"]

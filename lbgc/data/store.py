@@ -222,8 +222,12 @@ class Dataset:
 
     @property
     def _axis(self) -> int:
-        """The body's axis about which its plate turns."""
-        return AXES.index(self.configuration["protocol"].get("axis", AXES[DOWN]))
+        """The axis of the body about which its plate turns; down, if nothing says another."""
+        said: Any = self._group.attrs["configuration"]
+        protocol = said.get("protocol") if isinstance(said, Mapping) else None
+        axis = protocol.get("axis") if isinstance(protocol, Mapping) else None
+        require(axis is None or axis in AXES, "data", self.place, "has a plate about no axis")
+        return DOWN if axis is None else AXES.index(axis)
 
     @property
     def rate_hz(self) -> float:

@@ -153,7 +153,7 @@ def temperature_of(
         times.append(start_s + np.arange(1, len(own) + 1) / own_hz)
         values.append(own)
     ends = begun + np.arange(1, samples + 1) / rate_hz
-    return np.interp(ends, np.concatenate(times), np.concatenate(values))
+    return np.asarray(np.interp(ends, np.concatenate(times), np.concatenate(values)))
 
 
 def on_one_clock(

@@ -1,12 +1,16 @@
-"""Is the log doctor right, and does it ask where it cannot know?
+"""Is any log read right, whatever its format, and what does a day's log cost?
 
     make study-logs
 
-Logs as people have them (tests/any_logs.py): any separator, header, unit, frame, rate and clock.
-The doctor is told the latitude and nothing else. It may describe a log rightly, or ask; what it
-says without asking and is not so is wrong in silence. Of those that anybody could tell from the
-file (a rate is stated; a unit too, or Earth's rate is seen), the share is told that it describes
-without being asked anything.
+One recording in every format and dialect that is read must be the same, and so must its fit
+(`logs_formats`); a day at 200 Hz goes through `look` and `fit` (`logs_day`); what is fitted goes
+out to other tools (the study of the exports, repeated here).
+
+And is the log doctor right, and does it ask where it cannot know? Logs as people have them
+(tests/any_logs.py): any separator, header, unit, frame, rate and clock. The doctor is told the
+latitude and nothing else. It may describe a log rightly, or ask; what it says without asking and is
+not so is wrong in silence. Of those that anybody could tell from the file (a rate is stated; a unit
+too, or Earth's rate is seen), the share is told that it describes without being asked anything.
 """
 
 import sys
@@ -15,6 +19,9 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import exports
+import logs_day
+import logs_formats
 from any_logs import judged, make
 from common import Report, cases
 from tqdm import tqdm
@@ -58,4 +65,12 @@ def doctor(report: Report, home: Path) -> None:
 
 if __name__ == "__main__":
     with Report("studies/logs") as study, tempfile.TemporaryDirectory() as temporary:
-        doctor(study, Path(temporary))
+        place = Path(temporary)
+        if "formats" in CASES["parts"]:
+            logs_formats.formats(study, place, CASES["recording"])
+        if "doctor" in CASES["parts"]:
+            doctor(study, place)
+        if "day" in CASES["parts"]:
+            logs_day.day(study, place, CASES["day"])
+        if "exports" in CASES["parts"]:
+            exports.run(study)

@@ -14,6 +14,7 @@ from lbgc.data import logs
 from lbgc.data.checks.moved import PLATE
 from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
+from lbgc.data.logs import Recording
 from lbgc.data.looking import columns, layout, sensor, stretch, turned
 from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
@@ -21,6 +22,7 @@ from lbgc.data.readers import raw as readers
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import picked
+from lbgc.data.readers.pieces import clock_of
 from lbgc.data.readers.raw import Raw, plate_unit
 from lbgc.data.readers.sheets import Sheet
 from lbgc.data.record import Record
@@ -207,7 +209,7 @@ def _timed(raw: Raw, case: _Case) -> Means:
         case.note(Guess("rate_hz", None, "it has no time column", doubt, sure=False))
         return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
     try:
-        clock = logs.clock_of(raw)
+        clock = clock_of(raw)
     except InputError as error:
         if (unit := _usual_unit(raw, error, case)) is not None:
             config = replace(raw.config, time_unit=unit)
@@ -218,7 +220,7 @@ def _timed(raw: Raw, case: _Case) -> Means:
             return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
         case.note(Guess("gaps", "longest", f"its longest piece is read, since {error}"))
         try:
-            clock = logs.clock_of(replace(raw, config=replace(raw.config, gaps="longest")))
+            clock = clock_of(replace(raw, config=replace(raw.config, gaps="longest")))
         except InputError as other:
             case.ask(other, ("gaps",))
             return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
@@ -262,7 +264,12 @@ def _described(
     if "accel" in config.recorded:
         accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
     if "gyro" in config.recorded:
-        gyro = _one(case, "gyro_unit", lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude))
+        moves = still.last - still.first < len(means.gyro)
+        gyro = _one(
+            case,
+            "gyro_unit",
+            lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude, moves),
+        )
     if "latitude" not in case.said and len(config.recorded) == 2:
         why = "" if gyro is None else sensor.latitude(rest, gyro)
         doubt = "where was it recorded?"
@@ -348,25 +355,26 @@ def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
     return str(found.value) if found.sure else None
 
 
-def _read(path: Path, name: str, case: _Case, found: list[logs.Recording] | None = None) -> Look:
+def _read(path: Path, name: str, case: _Case, found: list[Recording] | None = None) -> Look:
     """Read the file by what was found, as every command would. found : what was read so already."""
     keys = {k: v for k, v in case.keys.items() if v is not None}
     look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
-    config, refusal = LogConfig(**keys), None
+    config = LogConfig(**keys)
     try:
         alone = logs.read_noise(config) if len(config.recorded) == 1 else []
         said = tuple(dict.fromkeys(note for own in alone for one in own for note in one.notes))
         look = replace(look, one_triad=bool(alone), notes=said)
-        found = logs.unchecked(config) if found is None else found
+        read = logs.unchecked(config) if found is None else found
     except InputError as error:
         return replace(look, refusal=error.with_traceback(None))
-    north = all(np.isfinite(own.record.latitude) for own in found)
+    north = all(np.isfinite(own.record.latitude) for own in read)
+    refusal = None
     for asked in (True, False) if north else (False,):
         try:
-            records = logs.checked(found, config, north=asked)
+            records = logs.checked(read, config, north=asked)
         except InputError as error:
             if error.name == "log.most_bias_deg_per_h" and "most_bias_deg_per_h" not in case.keys:
-                return _read(path, name, case, _biased(found, config, case))
+                return _read(path, name, case, _biased(read, config, case))
             refusal = refusal or error.with_traceback(None)  # which would hold the recordings
             continue
         record = max(records, key=lambda own: len(own.gyro))
@@ -374,7 +382,7 @@ def _read(path: Path, name: str, case: _Case, found: list[logs.Recording] | None
     return replace(look, refusal=refusal)
 
 
-def _biased(found: list[logs.Recording], config: LogConfig, case: _Case) -> list[logs.Recording]:
+def _biased(found: list[Recording], config: LogConfig, case: _Case) -> list[Recording]:
     """The recordings of a file whose bias exceeds what is taken as possible: the description says
     how large it may be, and the doubt what that means."""
     record = logs.checked(found, config, north=False)[0]

@@ -26,6 +26,8 @@ from lbgc.units import DEG, force_factor, rate_factor
 
 _GYRO_UNITS = {"deg/s": 1.0, "rad/s": 1.0, "deg/h": 0.05, "mrad/s": 0.003}
 """The units of rates in which files without units are written, and how often, the usual ones 1."""
+_BRIEF_S = 10.0
+"""A rest in a log that moves below which no unit is told by it, s."""
 _CERTAIN = 100.0
 """The odds from which on a unit needs no asking."""
 _ARW, _USUAL_ARW = (2e-4, 10.0), 3.0
@@ -78,13 +80,19 @@ class Means:
         return noise
 
 
-def gyro_unit(log: Means, stated: str | None, latitude: float | None) -> Guess:
+def gyro_unit(log: Means, stated: str | None, latitude: float | None, moves: bool) -> Guess:
     """The gyros' unit: as the columns' names state it, or as Earth's rate, noise and bias allow.
 
-    stated : by the names, or None; latitude : rad, None where it is not known.
+    stated : by the names, or None; latitude : rad, None where it is not known; moves : whether the
+    log moves beside this rest. A moment without much motion in a log that moves all the time is no
+    rest that tells a unit.
     """
     if stated is not None:
         return Guess("gyro_unit", stated, "the columns' names say so")
+    seconds = len(log.gyro) / log.rate_hz
+    if moves and seconds < _BRIEF_S:
+        why = f"it moves, and rests for {seconds:.3g} s at most, which tells no unit"
+        return Guess("gyro_unit", None, why, "which is it?", sure=False)
     fits = [unit for unit in _GYRO_UNITS if _may_be(log, unit)]
     if not fits:
         why = "in no unit are its noise and its mean rate a gyro's at rest"

@@ -40,10 +40,10 @@ _SUFFIXES = {
 }  # fmt: skip
 """Units at the end of a name, as its last words."""
 _KINDS = {
-    "gyro": "g w gyr gyro gyros gyroscope omega angularvelocity angularvel angvel angularrate "
-    "angrate rotationrate rotrate rate rates gyrorate turnrate gyrorotation",
-    "accel": "a f acc accel accels accelerometer accelerometers acceleration linearacceleration "
-    "linacc linaccel specificforce sf force accelerometeracceleration",
+    "gyro": "g w wb wib wibb gyr gyro gyros gyroscope omega angularvelocity angularvel angvel "
+    "angularrate angrate rotationrate rotrate rate rates gyrorate turnrate gyrorotation",
+    "accel": "a f fb fib fibb acc accel accels accelerometer accelerometers acceleration "
+    "linearacceleration linacc linaccel specificforce sf force accelerometeracceleration",
 }  # fmt: skip
 _KIND_OF = {word: kind for kind, words in _KINDS.items() for word in words.split()}
 _NOISE = re.compile(
@@ -56,6 +56,9 @@ _TIMES = re.compile(
     "timesincestart(up)?|timesyncin|tow|gpstow|gpstime|timegps|timeofweek|utc|utctime|datetime|"
     "rostime|millis|micros|timeboot|loggingtime|timestampsincestart"
 )
+
+_PARTS = re.compile("(utc|gmt|local)(year|month|day|hour|minute|second|mill[ie]second|microsecond)")
+"""Parts of a date, which no column of times is by itself."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,8 @@ def described(name: str, units_row: str = "") -> Described:
         base, said = found[1], unit(found[2])
     base = base.replace("\N{GREEK SMALL LETTER OMEGA}", "w")
     words = [word.lower() for word in _WORDS.findall(base)]
+    if _PARTS.fullmatch("".join(words)):
+        return Described(None, None, None)
     words, suffix = _without_unit(words)
     said = said or suffix
     joined = "".join(words)
@@ -133,7 +138,7 @@ def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
         and _TIMES.fullmatch(before) is not None
         and _UNITS[last] in _DIMENSIONS["time"]
     )
-    is_force = last in ("g", "mg") and len(words) > 2
+    is_force = last in ("g", "gs", "mg") and len(words) > 2
     if is_time or is_force:
         return words[:-1], _UNITS[last]
     return words, None

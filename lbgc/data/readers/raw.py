@@ -17,7 +17,7 @@ from lbgc.data.readers.clock import Said
 from lbgc.data.readers.column_names import described, unit
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import Picked, named, picked
-from lbgc.data.readers.rows import of_one_sensor, rows_key, within
+from lbgc.data.readers.rows import of_one_sensor, rows_key, with_values, within
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.data.readers.texts import require_size, sheet
 from lbgc.data.readers.timing import stamps_of
@@ -188,9 +188,16 @@ def of_sheet(own: Sheet, name: str, config: LogConfig, parts: Sequence[str] | No
         for (own_key, at), column in zip(beside.items(), values[len(which.time) :], strict=False)
     }
     warmth = angles.pop("temperature_column", None)  # which may lack some values
+    kept = with_values(gyro, accel, bool(which.time))
+    if kept is not None:
+        without = len(kept) - int(kept.sum())
+        notes.append(f"rows: {without} of {name} have no value of the sensors and were left out")
+        gyro, accel, times = gyro[kept], accel[kept], [own[kept] for own in times]
+        angles = {own_key: column[kept] for own_key, column in angles.items()}
+        warmth = None if warmth is None else warmth[kept]
+    config = _with_units(which, config, name)
     for own_key, column in angles.items():
         require_finite(name, column[:, None], [own_key.removesuffix("_column")])
-    config = _with_units(which, config, name)
     if "plate_column" in beside:
         config = _with_plate_unit(own, beside["plate_column"], config, name)
     if not which.time and config.rate_hz is None and own.rate_hz is not None:
@@ -280,18 +287,24 @@ def plate_unit(own: Sheet, at: int) -> str | None:
     return says if says in PLATE_UNITS else None
 
 
-def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
-    """Read named columns of a text or Parquet file, and those of the optional ones that it has:
-    (rows, columns), float64, all finite. Raises InputError where the file or a column cannot be
-    read."""
-    own = sheet(only_file(find(path), path), "file")
-    which = [*names, *(name for name in optional if name in own.names)]
-    places = named(own, "columns", which)
-    values, _ = own.columns(places)
-    numbers = [_numbers(own, "columns", at, v) for at, v in zip(places, values, strict=True)]
-    rows = np.stack(numbers, axis=1)
-    require_finite(own.file, rows, which)
-    return rows
+def columns(path: str, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Read named columns of a file of any format, and those of the optional ones that it has: (T,)
+    each, float64, all finite. Raises InputError where the file or a column cannot be read."""
+
+    def which(own: Sheet) -> dict[str, int]:
+        wanted = [*names, *(name for name in optional if name in own.names)]
+        return dict(zip(wanted, named(own, "columns", wanted), strict=True))
+
+    with files.opened(only_file(find(path), path), LogConfig(path=path), which) as own:
+        places = which(own)
+        values, _ = own.columns(list(places.values()))
+    found = {
+        name: _numbers(own, "columns", at, column)
+        for (name, at), column in zip(places.items(), values, strict=True)
+    }
+    for name, column in found.items():
+        require_finite(own.file, column[:, None], [name])
+    return found
 
 
 def _psins(path: Path, config: LogConfig) -> Iterator[Raw]:

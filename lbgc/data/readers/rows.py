@@ -1,5 +1,5 @@
 """The rows of a table that are read: those from a first to a last one, and those of one of the
-sensors that write to it."""
+sensors that write to it, or that have a value."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -50,3 +50,13 @@ def of_one_sensor(
         some = ", ".join(found[:_LISTED])
         raise InputError(f"log.{key}", list(marks), "", f"is in no row of {file}, which has {some}")
     return [column[mine] for column in others]
+
+
+def with_values(gyro: np.ndarray, accel: np.ndarray, is_timed: bool) -> np.ndarray | None:
+    """Which rows of both triads, (T, 3) or (T, 0) each, have a value, (T,) of bool, where a file
+    with a time column has others too, as of sensors that come less often; None where all have."""
+    parts = [own for own in (gyro, accel) if own.shape[1]]
+    if not is_timed or not all(np.isnan(own[:, 0]).any() for own in parts):
+        return None
+    missing = np.logical_and.reduce([np.isnan(own).all(axis=1) for own in parts])
+    return ~missing if 0 < missing.sum() < len(missing) else None

@@ -120,7 +120,9 @@ class _Content:
             except UnicodeDecodeError:
                 block = block.decode("latin-1").encode()
         null = b"\0" in block
-        require(not null, self.key, self.path, "is no text: it has null characters")
+        about = "is no text, and in no format that is known: it has null characters. "
+        about += "Rows of numbers and nothing else are read by log.dtype"
+        require(not null, self.key, self.path, about)
         if b"\r" in block:
             block = block.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         return block

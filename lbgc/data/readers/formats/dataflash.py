@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lbgc.data.readers.formats.table import AT_ONCE, Pieces, Table, in_memory
+from lbgc.data.readers.formats.table import AT_ONCE, Pieces, Table, cut_short, in_memory
 
 MAGIC, TEXT = b"\xa3\x95\x80", b"FMT, "
 _KINDS = ("IMU", "IMU2", "IMU3")
@@ -65,11 +65,13 @@ def read(path: Path) -> list[Table]:
         if file.read(len(TEXT)) == TEXT:
             return _of_text(path)
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    kinds, places, passed_over = _index(content)
+    kinds, places, passed_over, left = _index(content)
     notes = [_FRAME]
     if passed_over:
         notes.append(f"damage: {passed_over} bytes of {path.name} are no messages and were passed "
                      "over")  # fmt: skip
+    if left:
+        notes.append(cut_short(path.name, f"the last {left} bytes are no whole message"))
     found = np.frombuffer(content, np.uint8)
     return [
         own for kind, at in places.items()
@@ -77,14 +79,14 @@ def read(path: Path) -> list[Table]:
     ]  # fmt: skip
 
 
-def _index(content: mmap.mmap) -> tuple[dict[int, _Kind], dict[int, "array[int]"], int]:
-    """The kinds of a log's messages, the places of those of IMUs, and how many bytes before the
-    last message are none."""
+def _index(content: mmap.mmap) -> tuple[dict[int, _Kind], dict[int, "array[int]"], int, int]:
+    """The kinds of a log's messages, the places of those of IMUs, how many bytes before the last
+    message are none, and how many there are after it."""
     kinds: dict[int, _Kind] = {}
     lengths = [0] * 256
     lengths[_FMT] = _HEAD + _FMT_TYPE.itemsize
     places: dict[int, array[int]] = {}
-    at = passed_over = lost = 0
+    at = end = passed_over = lost = 0
     size = len(content)
     while at + _HEAD <= size:
         kind = content[at + 2]
@@ -109,8 +111,8 @@ def _index(content: mmap.mmap) -> tuple[dict[int, _Kind], dict[int, "array[int]"
             kinds[number], lengths[number] = own, max(length_of, _HEAD)
             if own.wanted is not None:
                 places[number] = array("q")
-        at += length
-    return kinds, places, passed_over
+        at = end = at + length
+    return kinds, places, passed_over, size - end
 
 
 def _described(content: bytes) -> tuple[int, int, _Kind]:
@@ -170,6 +172,9 @@ def _of_text(path: Path) -> list[Table]:
     notes = [_FRAME]
     with path.open(encoding="latin-1") as file:
         for number, line in enumerate(file, start=1):
+            if not line.endswith("\n"):
+                notes.append(cut_short(path.name, f"the last line, number {number}, has no end"))
+                break
             name, *fields = [own.strip() for own in line.split(",")]
             if name == "FMT" and len(fields) > 4:
                 kinds[fields[2]] = _Kind(fields[2], fields[3], tuple(fields[4:]))
@@ -177,11 +182,6 @@ def _of_text(path: Path) -> list[Table]:
             wanted = None if kind is None else kind.wanted
             if kind is None or wanted is None:
                 continue
-            if not line.endswith("\n"):
-                notes.append(
-                    f"last line: number {number} of {path.name} has no end and was left out"
-                )
-                break
             if len(fields) != len(kind.fields):
                 raise ValueError(f"line {number} has {len(fields)} fields")
             row = dict(zip(kind.fields, fields, strict=True))

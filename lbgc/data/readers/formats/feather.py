@@ -1,4 +1,4 @@
-"""Arrow's own files: Feather (version 2, the IPC file) and the IPC stream."""
+"""Arrow's own files: Feather (version 1, and version 2, the IPC file) and the IPC stream."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.feather
 import pyarrow.ipc
 
 from lbgc.data.readers.formats.table import AT_ONCE, Pieces, Table
@@ -16,11 +17,10 @@ _UNITS = (b"units", b"unit")
 
 
 def read(path: Path) -> list[Table]:
-    """The table of an Arrow file; a column's unit is its field's `units`, where that is there.
-    Raises ValueError for a Feather file of version 1."""
+    """The table of an Arrow file; a column's unit is its field's `units`, where that is there."""
     with path.open("rb") as file:
         if file.read(4) == OLD:
-            raise ValueError("is Feather of version 1, and version 2 is read")
+            return [_old(path)]
     with _opened(path, None) as (opened, _):
         names = tuple(map(str, opened.schema.names))
         units = tuple(_unit(field.metadata) for field in opened.schema)
@@ -28,6 +28,17 @@ def read(path: Path) -> list[Table]:
         rows = sum(batch.num_rows for batch in batches)
     return [Table(path.stem, names, units if any(units) else (), rows,
                   lambda which: _pieces(path, which))]  # fmt: skip
+
+
+def _old(path: Path) -> Table:
+    """The table of a Feather file of version 1, which is read whole."""
+    found = pa.feather.read_table(path, memory_map=False, use_threads=False)
+    found.validate(full=True)
+
+    def pieces(which: Sequence[int]) -> Pieces:
+        yield [as_array(found.column(at)) for at in which]
+
+    return Table(path.stem, tuple(map(str, found.column_names)), (), found.num_rows, pieces)
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """The choice of the reader for a file: by its content first, by the ending of its name second."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -64,7 +64,7 @@ _BY_ENDING: dict[str, Format] = {
     **dict.fromkeys((".feather", ".arrow", ".ipc", ".arrows"), _ARROW_FILE),
     **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nc"), _HDF5),
     **dict.fromkeys((".bag", ".db3", ".mcap"), _BAG),
-    **dict.fromkeys((".rda", ".rdata"), _R),
+    **dict.fromkeys((".rda", ".rdata", ".rds"), _R),
     **dict.fromkeys((".gz", ".bz2", ".xz", ".zip"), _COMPRESSED),
     ".npy": _NPY,
     ".npz": _NPZ,
@@ -87,7 +87,8 @@ def format_of(path: Path) -> Format:
             names = compressed.members(path)
             return _NPZ if names and all(own.endswith(".npy") for own in names) else _COMPRESSED
         if compressed.is_compressed(head):
-            return _R if compressed.unfolded(path, most=5) in r_data.MAGICS else _COMPRESSED
+            first = compressed.unfolded(path, most=r_data.LONGEST_MAGIC)
+            return _R if first.startswith(r_data.MAGICS) else _COMPRESSED
         if head.startswith(matlab.MAGIC) and head[126:128] in (b"IM", b"MI"):
             return _HDF5 if head[124:126] in (b"\x00\x02", b"\x02\x00") else _MATLAB
         for place in hdf5.PLACES:
@@ -106,9 +107,14 @@ def is_bag_directory(path: Path) -> bool:
 
 
 @contextmanager
-def opened(path: Path, config: LogConfig) -> Iterator[Sheet]:
-    """The sheet of the table that a file's recording is in, read within the `with` block. Raises
-    InputError where the file cannot be read, or the table must be named."""
+def opened(
+    path: Path, config: LogConfig, fits: Callable[[Sheet], object] | None = None
+) -> Iterator[Sheet]:
+    """The sheet of the table that a file's recording is in, read within the `with` block.
+
+    fits : raises InputError where a sheet is not the one that is meant; None: where it has no
+    columns of an IMU. Raises InputError where the file cannot be read, or the table must be named.
+    """
     kind = Format("raw") if config.dtype is not None else format_of(path)
     if kind.package is not None:
         require_installed(kind.package)
@@ -130,7 +136,7 @@ def opened(path: Path, config: LogConfig) -> Iterator[Sheet]:
                 found = _read_here(kind, path, config)
         else:
             found = stack.enter_context(apart.read_apart(kind.reader, path, _size(path)))
-        yield _sheet_of(found, path, config)
+        yield _sheet_of(found, path, config, fits)
 
 
 def _parquet(path: Path) -> Sheet:
@@ -152,17 +158,26 @@ def _size(path: Path) -> int:
         return sum(own.stat().st_size for own in (path.iterdir() if path.is_dir() else [path]))
 
 
-def _sheet_of(found: Sequence[Table], path: Path, config: LogConfig) -> Sheet:
-    """The sheet of the table that is an IMU's, or that the configuration names."""
+def _sheet_of(
+    found: Sequence[Table],
+    path: Path,
+    config: LogConfig,
+    fits: Callable[[Sheet], object] | None,
+) -> Sheet:
+    """The sheet of the table that fits, as `opened` says, or that the configuration names."""
 
-    def fits(own: Table) -> bool:
+    def able(own: Table) -> bool:
+        made = _as_sheet(own, path)
         try:
-            picked(_as_sheet(own, path), replace(config, time_column=None, rate_hz=1.0))
+            if fits is not None:
+                fits(made)
+            else:
+                picked(made, replace(config, time_column=None, rate_hz=1.0))
         except InputError:
             return False
         return True
 
-    table, notes = chosen(found, config.table, fits, path.name)
+    table, notes = chosen(found, config.table, able, path.name)
     made = _as_sheet(table, path)
     return replace(made, notes=(*table.notes, *notes))
 

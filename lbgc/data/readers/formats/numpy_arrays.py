@@ -1,5 +1,7 @@
 """NumPy's files: .npy, one array, and .npz, an archive of them. No array of objects is built."""
 
+import io
+import struct
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +13,8 @@ from lbgc.data.readers.formats.table import AT_ONCE, Pieces, Table, is_column, n
 from lbgc.data.readers.formats.variables import Variable, extent, sideways, tables_of
 
 _MOST_MEMBERS = 1000
-_VERSIONS = {(1, 0): np.lib.format.read_array_header_1_0,
-             (2, 0): np.lib.format.read_array_header_2_0}  # fmt: skip
+_LONGEST_HEADER = 2**20
+"""Bytes"""
 _AT_ONCE_BYTES = 2**25
 """Bytes of an array that are held at once while its columns are taken out."""
 
@@ -52,9 +54,20 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     """The shape, the order (whether Fortran's) and the type of an array, its file left at the first
     value."""
     version = np.lib.format.read_magic(file)
-    if version not in _VERSIONS:
-        raise ValueError(f"is of version {version} of the format, and 1.0 and 2.0 are read")
-    shape, fortran, dtype = _VERSIONS[version](file)
+    if version == (1, 0):
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+    elif version in ((2, 0), (3, 0)):
+        size = _exactly(file, 4)
+        (length,) = struct.unpack("<I", size)
+        if length > _LONGEST_HEADER:
+            raise ValueError(f"has a header of {length} bytes")
+        text = _exactly(file, length)
+        if version == (3, 0):  # as 2.0, but UTF-8: letters beyond ASCII are only in names
+            text = text.decode().encode("ascii", "backslashreplace")
+        header = io.BytesIO(struct.pack("<I", len(text)) + text)
+        shape, fortran, dtype = np.lib.format.read_array_header_2_0(header)
+    else:
+        raise ValueError(f"is of version {version} of the format, and 1.0 to 3.0 are read")
     return shape, fortran, dtype
 
 

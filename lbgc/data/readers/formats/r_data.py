@@ -1,5 +1,5 @@
-"""R's workspaces (.rda, .RData): matrices, vectors, and lists or data frames of vectors. They are
-parsed as they lie; no object of a class is built."""
+"""R's workspaces (.rda, .RData) and single objects (.rds): matrices, vectors, and lists or data
+frames of vectors. They are parsed as they lie; no object of a class is built."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +12,11 @@ from lbgc.data.readers.formats.extras import needed
 from lbgc.data.readers.formats.table import Table
 from lbgc.data.readers.formats.variables import Variable, of_array, tables_of
 
-MAGICS = tuple(f"RD{kind}{version}\n".encode() for kind in "XAB" for version in (2, 3))
+WORKSPACES = tuple(f"RD{kind}{version}\n".encode() for kind in "XAB" for version in (2, 3))
+OBJECTS = (*(b"X\n\0\0\0" + bytes([version]) for version in (2, 3)), b"A\n2\n", b"A\n3\n")
+MAGICS = (*WORKSPACES, *OBJECTS)
+"""What files of this format begin with, once they are unfolded"""
+LONGEST_MAGIC = max(map(len, MAGICS))
 _MOST = 100_000
 """Objects in a list, at most"""
 _LIST, _PAIRS, _NULL = "VEC", "LIST", ("NILVALUE", "NIL")
@@ -20,14 +24,16 @@ _NUMBERS = ("REAL", "INT", "LGL")
 
 
 def read(path: Path) -> list[Table]:
-    """The tables of an R workspace. Raises ValueError where it holds none; InputError where rdata
-    is missing, or the file unfolds to more than is read."""
+    """The tables of an R workspace, or of one object. Raises ValueError where it holds none;
+    InputError where rdata is missing, or the file unfolds to more than is read."""
     parser = needed("rdata.parser")
     with path.open("rb") as file:
         folded = is_compressed(file.read(6))
     content = unfolded(path) if folded else path.read_bytes()
-    root = parser.parse_data(content, extension=".rda").object
-    variables = [own for name, value in _pairs(root) for own in _variables(name, value)]
+    is_object = content.startswith(OBJECTS)
+    root = parser.parse_data(content, extension=".rds" if is_object else ".rda").object
+    named = [(path.stem, root)] if is_object else _pairs(root)
+    variables = [own for name, value in named for own in _variables(name, value)]
     if not variables:
         raise ValueError("holds no table of numbers")
     return tables_of(variables, path.stem)

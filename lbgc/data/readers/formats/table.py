@@ -15,6 +15,10 @@ AT_ONCE = 2**18
 LONGEST_TEXT = 1000
 """Bytes of the longest text in a cell."""
 
+_ENOUGH = 10
+"""Times as many rows as any other has a table that is taken for its size"""
+_SIX = 6
+"""Columns of an IMU's table, at the least"""
 _LISTED = 20
 """Tables that a message lists, at most."""
 
@@ -130,6 +134,15 @@ def in_memory(
                  notes)  # fmt: skip
 
 
+def cut_short(name: str, what: str) -> str:
+    """A note that a log ends in the middle of what its logger wrote. name : the file's; what : the
+    clause that says how it ends. The formats that this happens to have no end of their own."""
+    return (
+        f"end: {name} was cut short, as where power is lost: {what} and was left out. What came "
+        "after is missing, and nothing in the file says how much"
+    )
+
+
 def chosen(found: Sequence[Table], said: str | None, fits: Callable[[Table], bool],
            file: str) -> tuple[Table, tuple[str, ...]]:  # fmt: skip
     """The table that holds the recording, and a note where one was taken of several.
@@ -137,7 +150,6 @@ def chosen(found: Sequence[Table], said: str | None, fits: Callable[[Table], boo
     said : the name that the user gave; fits : whether a table can be an IMU's; file : the file's
     name in messages. Raises InputError, listing the tables, where none or several can be it.
     """
-    names = [own.name for own in found]
     if said is not None:
         same = [own for own in found if own.name == said]
         if len(same) == 1:
@@ -147,16 +159,25 @@ def chosen(found: Sequence[Table], said: str | None, fits: Callable[[Table], boo
     if len(found) == 1:
         return found[0], ()
     able = [own for own in found if fits(own)]
-    if len(able) == 1:
-        others = [shown(name) for name in names if name != able[0].name]
+    taken = _longest(able or [own for own in found if len(own.names) >= _SIX])
+    if taken is not None:
+        others = [shown(own.name) + (f" ({own.rows} rows)" if own in able else "")
+                  for own in found if own is not taken]  # fmt: skip
         some = ", ".join(others[:_LISTED]) + (" and others" if len(others) > _LISTED else "")
-        about = f"table: {shown(able[0].name)} of {shown(file)} was read; it also holds {some}"
-        return able[0], (about,)
+        about = f"table: {shown(taken.name)} of {shown(file)} was read; it also holds {some}"
+        return taken, (about,)
     if not able:
         about = f"must be given: in {file} no table has columns named as an IMU's; {_listed(found)}"
         raise InputError("log.table", None, "", about)
     about = f"must be given: several tables of {file} can be an IMU's; {_listed(able)}"
     raise InputError("log.table", None, "", about)
+
+
+def _longest(found: Sequence[Table]) -> Table | None:
+    """The table that has many times as many rows as each other; None where there is none."""
+    most = max((own.rows for own in found), default=0)
+    near = [own for own in found if _ENOUGH * own.rows >= most]
+    return near[0] if len(near) == 1 else None
 
 
 def _listed(found: Sequence[Table]) -> str:

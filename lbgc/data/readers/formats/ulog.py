@@ -1,20 +1,24 @@
 """PX4's ULog files: messages of its IMUs, in rad/s and m/s^2, forward-right-down, by its message
 definitions (sensor_combined, vehicle_imu, sensor_gyro with sensor_accel)."""
 
+import struct
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lbgc.data.readers.formats.extras import needed
-from lbgc.data.readers.formats.table import Table, in_memory
+from lbgc.data.readers.formats.table import Table, cut_short, in_memory
 
 MAGIC = b"ULog\x01\x12\x35"
 _MESSAGES = ["sensor_combined", "vehicle_imu", "sensor_gyro", "sensor_accel"]
 _AXES = "xyz"
 _GYRO, _ACCEL = [f"gyro_{axis}" for axis in _AXES], [f"accel_{axis}" for axis in _AXES]
 _UNITS = {"timestamp": "us", **dict.fromkeys(_GYRO, "rad/s"), **dict.fromkeys(_ACCEL, "m/s2")}
+_HEADER, _FLAGS = 16, struct.Struct("<HB16x3Q")
+"""Bytes before the first message, and the one that says where something was added to the file"""
 _ALIKE = 0.98
 """The share of two sensors' samples that must have come together."""
 _FRAME = "axes: PX4 states rates and forces forward, right, down, which is log.axes=[x,y,z]"
@@ -26,6 +30,8 @@ def read(path: Path) -> list[Table]:
     notes = [_FRAME]
     if found.file_corruption:
         notes.append(f"damage: parts of {path.name} are damaged and were passed over")
+    elif left := _left_at_end(path):
+        notes.append(cut_short(path.name, f"the last {left} bytes are no whole message"))
     if found.dropouts:
         lost = sum(own.duration for own in found.dropouts)
         notes.append(f"dropouts: {path.name} says that {len(found.dropouts)} times, {lost} ms in "
@@ -39,6 +45,25 @@ def read(path: Path) -> list[Table]:
         if columns:
             tables.append(in_memory(title, columns, _UNITS, tuple(notes)))
     return tables
+
+
+def _left_at_end(path: Path) -> int:
+    """The bytes of a last message that is cut short, of the log and of each part that was added to
+    it. The file's messages are whole otherwise."""
+    content = path.read_bytes()
+    added: list[int] = []
+    if len(content) >= _HEADER + _FLAGS.size and content[_HEADER + 2] == ord("B"):
+        added = [at for at in _FLAGS.unpack_from(content, _HEADER)[2:] if at]
+    left = 0
+    for first, end in pairwise([_HEADER, *added, len(content)]):
+        at = first
+        while at + 3 <= end:
+            after = at + 3 + int.from_bytes(content[at : at + 2], "little")
+            if after > end:
+                break
+            at = after
+        left += max(0, end - at)
+    return left
 
 
 def _columns(
