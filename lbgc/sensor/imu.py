@@ -11,6 +11,7 @@ not linear and stand outside the exact law of block means.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from lbgc.sensor.counting import Counts
 from lbgc.sensor.deterministic import STARTED, InRun, Started
 from lbgc.sensor.errors import FIELD, ONE, Drawn, Proportional, Surroundings, Triple
 from lbgc.sensor.low_pass import LowPass
+
+if TYPE_CHECKING:
+    from lbgc.sensor.unit import Known
 
 ALONE = Surroundings()
 """Nothing acts on a triad, and it has warmed up."""
@@ -290,6 +294,8 @@ class ImuModel:
     """The magnetic field around it, north, east and down, T"""
     assumed: str = ""
     """What of it is assumed and was never measured, for whoever reads figures that hang on it."""
+    known: "Known | None" = None
+    """What is known of the unit, its means taken off; `gyro` and `accel` then have what is left"""
 
     @property
     def is_noiseless(self) -> bool:
