@@ -269,3 +269,43 @@ def simplex(fineness: int = _FINENESS) -> np.ndarray:
     upper = [(i + 2 / 3, j + 2 / 3) for i in range(fineness) for j in range(fineness - i - 1)]
     two = np.array([*lower, *upper]) / fineness
     return np.column_stack([two, 1 - two.sum(axis=1)])
+
+
+@dataclass(frozen=True)
+class UnitVerdict:
+    """Whether recordings show a constant of their unit: a part of the gyros' bias that it keeps."""
+
+    log_bayes_factor: float
+    """Of a constant against none, natural logarithm; the shares of what is left uniform"""
+    gains: tuple[float, ...]
+    """Of each power-up: the logarithm of the probability of its recordings given the others' with a
+    constant, less that without"""
+
+    @property
+    def gain(self) -> float:
+        """The mean of the gains."""
+        return float(np.mean(self.gains))
+
+    @property
+    def gain_sigma(self) -> float:
+        """Its standard error; infinite of one."""
+        n = len(self.gains)
+        return float(np.std(self.gains, ddof=1) / np.sqrt(n)) if n > 1 else float("inf")
+
+
+def verdict(imu: ImuModel, told: Evidence, session: np.ndarray) -> UnitVerdict:
+    """Whether recordings show a constant of their unit. imu : undivided, as `told` was made with
+    it; session : (R,), the power-up of each."""
+    with_it = simplex()
+    middles = (np.arange(_FINENESS) + 0.5) / _FINENESS
+    without = np.column_stack([0 * middles, middles, 1 - middles])
+
+    def factor(kept: np.ndarray) -> float:
+        own = replace(told, h=told.h[kept], J=told.J[kept])
+        logs = [posterior(imu, own, session[kept], shares=s).log_evidence
+                for s in (with_it, without)]  # fmt: skip
+        return logs[0] - logs[1]
+
+    whole = factor(np.ones(len(session), bool))
+    gains = [whole - factor(session != label) for label in np.unique(session)]
+    return UnitVerdict(whole, tuple(gains))
