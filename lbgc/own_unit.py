@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from lbgc.data.compensated import calibrated
+from lbgc.data.compensated import without_mean
 from lbgc.data.record import Record, block_means
 from lbgc.data.unit_file import CalibratedUnit
 from lbgc.data.windows import Windows, cut, joined
@@ -148,7 +148,7 @@ def _three(values: np.ndarray) -> tuple[float, float, float]:
 
 def _without(windows: Windows, imu: ImuModel, known: Known) -> Windows:
     """Windows with the means of what is known of the unit taken off what its sensor printed."""
-    rows = [off(_record(windows, k), imu, known) for k in range(len(windows))]
+    rows = [without_mean(_record(windows, k), imu, known) for k in range(len(windows))]
     return joined([cut(own, own.duration_s) for own in rows])
 
 
@@ -162,13 +162,6 @@ def _record(windows: Windows, k: int) -> Record:
         windows.rate_hz,
         float(windows.latitude[k]),
     )
-
-
-def off(record: Record, imu: ImuModel, known: Known) -> Record:
-    """A recording with the means of what is known of its unit taken off what the sensor printed.
-    imu : the sensor's model before."""
-    gyro, accel = known.drawn(imu, known.mean)
-    return calibrated(record, imu, gyro, accel, ("unit", "session"))
 
 
 def _expected(imu: ImuModel, windows: Windows) -> float:
