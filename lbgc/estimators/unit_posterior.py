@@ -19,6 +19,7 @@ the same for all axes, whose sum is the model's), the posterior is the mixture o
 weighted by their evidence, and it is stated by its first two moments.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,17 +78,26 @@ def evidence(
 ) -> Evidence:
     """What recordings of one unit tell of it, several of V windows each, R in all, a whole
     recording in each window. heading : (R,), rad, as the reference tells them."""
+    parts, at = [], 0
+    for windows in several:
+        for part in levelled(windows, imu.dt, timeless(imu)):
+            parts.append(replace(part, rows=at + part.rows))
+        at += len(windows)
+    return evidence_of(imu, parts, heading, reference)
+
+
+def evidence_of(
+    imu: ImuModel, parts: Sequence[Levelled], heading: np.ndarray, reference: Reference
+) -> Evidence:
+    """The same of recordings that are levelled already; `rows` are their numbers among all."""
     every = coefficients(imu, *LIFETIMES)
     m = len(every) + 1
     h, J = np.empty((len(heading), m)), np.empty((len(heading), m, m))
-    at = 0
-    for windows in several:
-        for part in levelled(windows, imu.dt, timeless(imu)):
-            rows = at + part.rows
-            h[rows], J[rows] = _told(
-                imu, part, list(every), heading[rows], reference.new[rows], reference.offset
-            )
-        at += len(windows)
+    for part in parts:
+        own = part.rows
+        h[own], J[own] = _told(
+            imu, part, list(every), heading[own], reference.new[own], reference.offset
+        )
     return Evidence(tuple(every), np.array(list(every.values())), h, J)
 
 
