@@ -88,7 +88,7 @@ class UnitFloor:
         run = self._at("run", heading)
         return np.asarray(self.alone + np.swapaxes(run, 1, 2) @ run)
 
-    def posterior(
+    def log_posterior(
         self,
         y: np.ndarray,
         heading: np.ndarray,
@@ -97,7 +97,8 @@ class UnitFloor:
         new: float = 0.0,
         offset: float = 0.0,
     ) -> np.ndarray:
-        """Posterior of the last recording's heading on GRID, whose sum is one.
+        """Logarithm of the joint density of all data, at each heading of GRID that the last
+        recording may have; up to a constant that no law of the sensor's lasting errors changes.
 
         y : (k + 1, d); heading, session : (k,), rad, the labels, and the power-ups; now : that of
         the last; new, offset : rad, 1 sigma of the labels' error that is new in each recording, and
@@ -116,11 +117,14 @@ class UnitFloor:
         lasting[1] = lasting[1] * (session == now)[:, None, None]
         every = np.concatenate(lasting, axis=1)  # (k, r, d)
         shared = np.moveaxis(every, 1, 0).reshape(every.shape[1], k * d)
-        mean, covariance = np.zeros(len(shared)), np.eye(len(shared))
+        mean, covariance, of_labels = np.zeros(len(shared)), np.eye(len(shared)), 0.0
         if k:
             factor = scipy.linalg.cho_factor(spread.reshape(k * d, k * d))
             gain = scipy.linalg.cho_solve(factor, shared.T).T
-            mean = gain @ (y[:-1] - self._expected(heading)).ravel()
+            left = (y[:-1] - self._expected(heading)).ravel()
+            mean = gain @ left
+            of_labels = -left @ scipy.linalg.cho_solve(factor, left) / 2
+            of_labels -= np.log(np.diag(factor[0])).sum()
             covariance = covariance - gain @ shared.T
         columns = np.concatenate([self._at("unit", GRID), self._at("session", GRID)], axis=1)
         of_query = self._own(GRID) + np.swapaxes(columns, 1, 2) @ covariance @ columns
@@ -128,11 +132,13 @@ class UnitFloor:
         lower = np.linalg.cholesky(of_query)
         half = np.linalg.solve(lower, off[..., None])[..., 0]
         log = -np.sum(half**2, axis=1) / 2 - np.log(np.diagonal(lower, 0, 1, 2)).sum(axis=1)
-        weight = np.exp(log - log.max())
-        return np.asarray(weight / weight.sum())
+        return np.asarray(of_labels + log)
 
 
-def estimate(weight: np.ndarray) -> tuple[float, float]:
-    """The circular mean of a posterior on GRID, and its RMS angle about it, rad."""
+def estimate(log: np.ndarray) -> tuple[float, float]:
+    """The circular mean of the posterior that these logarithms on GRID are, (L, G) of L laws that
+    are equally probable beforehand or (G,) of one, and its RMS angle about it, rad."""
+    weight = np.exp(log - log.max()).reshape(-1, len(GRID)).sum(axis=0)
+    weight /= weight.sum()
     middle = float(np.angle(weight @ np.exp(1j * GRID)))
     return middle, float(np.sqrt(weight @ wrap(GRID - middle) ** 2))

@@ -182,8 +182,8 @@ def posterior(
     )
     already = np.array([before.get(c, 0.0) for c in which])
     known = Known(which, already + sigma * mean, covariance * sigma * sigma[:, None])
-    divided = imu if shares is None else _divided(imu, weight @ every)
-    return Posterior(known, known.told(divided), every, weight, log_evidence)
+    split = imu if shares is None else divided(imu, weight @ every)
+    return Posterior(known, known.told(split), every, weight, log_evidence)
 
 
 def _lifetime(imu: ImuModel, which: Coefficient) -> str:
@@ -263,7 +263,7 @@ def undivided(imu: ImuModel) -> ImuModel:
     return replace(imu, gyro=imu.gyro.with_bias(unit=whole, session=whole, run=whole))
 
 
-def _divided(imu: ImuModel, shares: np.ndarray) -> ImuModel:
+def divided(imu: ImuModel, shares: np.ndarray) -> ImuModel:
     """An undivided model with these shares, (3,)."""
     whole = imu.gyro.bias("unit")
     sizes = {
