@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from lbgc import labelling, ways
 from lbgc.commands import run_main
+from lbgc.data import unit_file
 from lbgc.data.configuration import require_height
 from lbgc.earth import heading_exists, normal_gravity
 from lbgc.errors import InputError, require, require_choice, require_not_negative, require_positive
@@ -31,10 +33,11 @@ from lbgc.estimators.information import Information, budget, information
 from lbgc.estimators.least_squares import LEANS
 from lbgc.estimators.posterior import AS_LENGTHS
 from lbgc.estimators.reduced_order import When, like_north
+from lbgc.estimators.unit_posterior import Reference
 from lbgc.frames import AXES, DOWN
 from lbgc.outputs import as_json, fingerprint, mark_latest, task_directory, write_atomically
 from lbgc.protocol import ProtocolConfig
-from lbgc.report.figures import bound_against_time, png
+from lbgc.report.figures import bound_against_time, error_by_labelled, png
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import unstated, warnings
 from lbgc.sensor.errors import FIELD, LIFETIMES
@@ -60,6 +63,28 @@ class BoundConfig:
     """Start of the windows in the recording: a random walk and warming up begin before it."""
     known: list[str] = field(default_factory=list)
     """Lifetimes whose errors are known: unit, session, run."""
+    calibration: str | None = None
+    """What is known of the unit already, a file that `calibrate` wrote."""
+    labelled: list[int] = field(default_factory=list)
+    """Numbers of further labelled recordings, for which the error after them is told: at headings
+    evenly round the circle, on a level base."""
+    labelled_protocol: str = "static"
+    """What the plate does in them: static, or the same as in `protocol`."""
+    labelled_s: float | None = None
+    """Length of each; null: the longest window's."""
+    labelled_power_ups: int | None = None
+    """Over how many power-ups they are spread; null: each has its own."""
+    labelled_error_deg: float = 0.1
+    """1 sigma of their headings' error, new in each."""
+    labelled_offset_deg: float = 0.0
+    """1 sigma of a constant offset of their headings."""
+    tumble: list[int] = field(default_factory=list)
+    """Numbers of poses, in which the sensor is held at rest instead, for which the error is told,
+    beside those of other ways to spend the same minutes."""
+    tumble_dwell_s: float = 120.0
+    """Time in each pose."""
+    tumble_handling_s: float = 10.0
+    """Time between two poses."""
     reference_error_deg: float = 0.0
     """1 sigma of the reference that errors are relative to; 0: they are relative to the truth."""
     lean_deg: float = 0.0
@@ -96,6 +121,20 @@ class BoundConfig:
         )
         for name in self.known:
             require_choice("known", name, LIFETIMES)
+        about = "and calibration are two things that are known of the unit: give one"
+        require(not (self.known and self.calibration), "known", self.known, about)
+        for count in self.labelled:
+            good = 0 <= count <= labelling.MOST
+            require(good, "labelled", count, f"must be from 0 to {labelling.MOST}")
+        for count in self.tumble:
+            good = 1 <= count <= ways.MOST_POSES
+            require(good, "tumble", count, f"must be from 1 to {ways.MOST_POSES}")
+        require_positive("tumble_dwell_s", self.tumble_dwell_s)
+        require_not_negative(self, "tumble_handling_s")
+        require_choice("labelled_protocol", self.labelled_protocol, ("static", "same"))
+        require_positive("labelled_s", self.labelled_s)
+        require_positive("labelled_power_ups", self.labelled_power_ups)
+        require_not_negative(self, "labelled_error_deg", "labelled_offset_deg")
 
     @property
     def site(self) -> Site:
@@ -106,7 +145,10 @@ class BoundConfig:
     @cached_property
     def model(self) -> ImuModel:
         """The sensor's error model without the errors that are known."""
-        return self.imu.model(self.rate_hz).without(*self.known)
+        law = self.imu.model(self.rate_hz)
+        if self.calibration is not None:
+            return unit_file.load(self.calibration, self.imu).told(law)
+        return law.without(*self.known)
 
 
 def main(config: BoundConfig) -> Path:
@@ -131,13 +173,68 @@ def main(config: BoundConfig) -> Path:
         print(line)
     print(table(config, rows))
     print(budget_table(parts, longest["window_s"]))
+    learning = labelled(config, course, worst)
+    tumbles = tumbled(config)
     directory = task_directory("bound", fingerprint(asdict(config)))
-    result = {"bounds": rows, "budget_deg": {k: float(np.rad2deg(v)) for k, v in parts.items()}}
+    budget_deg = {k: float(np.rad2deg(v)) for k, v in parts.items()}
+    result = {"bounds": rows, "budget_deg": budget_deg, "labelled": learning, "tumble": tumbles}
     write_atomically(directory / "bound.json", as_json(result))
     figure = bound_against_time(_curves(config), f"{config.imu.name}, {config.latitude:g}°")
     write_atomically(directory / "bound.png", png(figure))
+    if learning:
+        picture = error_by_labelled(learning, f"{config.imu.name}, {config.protocol.name}")
+        write_atomically(directory / "labelled.png", png(picture))
     mark_latest(directory)
     return directory
+
+
+def labelled(
+    config: BoundConfig, course: Course, lean: tuple[float, float]
+) -> list[dict[str, float]]:
+    """Print and return the expected floor, degrees, in a course after each number of labelled
+    recordings, on a base that leans by roll and pitch, rad. Nothing where none is asked for."""
+    if not config.labelled:
+        return []
+    seconds = config.labelled_s or max(config.windows_s)
+    static = ProtocolConfig("static", "static")
+    protocol = static if config.labelled_protocol == "static" else config.protocol
+    of_labels = course_of(protocol, seconds, config.start_s, config.settle_s)
+    error, offset = np.deg2rad([config.labelled_error_deg, config.labelled_offset_deg])
+    reference, power_ups = Reference(np.array([error]), float(offset)), config.labelled_power_ups
+
+    def floor(count: int) -> float:
+        site = config.site
+        known = labelling.after(config.model, of_labels, site, count, power_ups, reference)
+        return expected_floor(information(known, course, site, lean=lean))
+
+    rows = [
+        {"labelled": count, "floor_deg": float(np.rad2deg(floor(count)))}
+        for count in sorted(set(config.labelled))
+    ]
+    over = "each in a power-up of its own" if power_ups is None else f"in {power_ups} power-ups"
+    print(
+        f"after labelled recordings of this unit, {protocol.name}, {seconds:g} s, {over}, headings "
+        f"to {config.labelled_error_deg:g} deg; north is sought in a new power-up:"
+    )
+    for row in rows:
+        print(f"{row['labelled']:7.0f}   {row['floor_deg']:8.3f}")
+    print(labelling.enough(floor))
+    return rows
+
+
+def tumbled(config: BoundConfig) -> list[dict[str, float]]:
+    """Print and return the expected errors, degrees, after a tumble through each number of poses,
+    and in other ways that take as long. Nothing where none is asked for."""
+    if not config.tumble:
+        return []
+    of_labels = Reference(
+        np.array([np.deg2rad(config.labelled_error_deg)]),
+        float(np.deg2rad(config.labelled_offset_deg)),
+    )
+    times = config.tumble_dwell_s, config.tumble_handling_s
+    rows = ways.ways(config.model, config.site, config.tumble, *times, of_labels)
+    print(ways.table(rows, *times))
+    return rows
 
 
 def bounds(config: BoundConfig, protocol: ProtocolConfig) -> list[dict[str, float]]:

@@ -1,24 +1,36 @@
-"""Calibrate the repeatable gyro error of one unit, and test what taking it out does to the heading.
+"""Calibrate one unit by recordings with known headings, and test what that does to the heading.
 
 python lbgc/calibrate.py means=FILE latitude=32.76
 python lbgc/calibrate.py data=PATH
+python lbgc/calibrate.py log=csv 'log.path=[FILE, ...]' imu=NAME
+
+Where the sensor is known, what is known of the unit is written as a file, which `evaluate` and
+`bound` take (calibration=FILE).
 """
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from lbgc import own_unit
 from lbgc.commands import run_main
-from lbgc.data import logs
+from lbgc.data import logs, unit_file
 from lbgc.data.checks import rest
 from lbgc.data.looking.auto import NoiseLog
 from lbgc.data.record import Record
 from lbgc.data.static import AXES
 from lbgc.data.store import Dataset
-from lbgc.earth import EARTH_RATE, heading_exists
-from lbgc.errors import InputError, require
+from lbgc.earth import EARTH_RATE, heading_exists, normal_gravity
+from lbgc.errors import (
+    InputError,
+    build,
+    require,
+    require_choice,
+    require_not_negative,
+    require_positive,
+)
 from lbgc.estimators.level import tilts_of
 from lbgc.outputs import (
     as_json,
@@ -28,8 +40,10 @@ from lbgc.outputs import (
     task_directory,
     write_atomically,
 )
+from lbgc.own_unit import SPLITS, Labels, learned
 from lbgc.report.calibration_table import report
 from lbgc.sensor.calibration import FEWEST, calibrate, odd_one_out
+from lbgc.sensor.datasheet import ImuConfig
 from lbgc.units import DEG, HOUR
 
 COLUMNS = ("heading_deg", "gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
@@ -55,8 +69,29 @@ class CalibrateConfig:
     """Or a dataset of resting recordings of one unit; its references are the headings."""
     log: NoiseLog | None = None
     """Or recordings with known headings, such as log=sdc500."""
+    imu: ImuConfig | None = None
+    """The sensor, whose law is the prior of what a unit keeps; a dataset's own, if null."""
+    split: str = "estimated"
+    """How a gyro's bias splits into what a unit keeps, a power-up adds and a recording adds:
+    estimated, from these recordings, its sum being the sensor's; or stated, as the sensor has
+    it."""
+    reference_error_deg: float | None = None
+    """1 sigma of the headings' error that is new in each recording; null: as the log states it."""
+    reference_offset_deg: float = 0.0
+    """1 sigma of a constant offset of the headings, which stays in every later heading."""
+    mean_s: float | None = None
+    """Length of the recordings behind `means`."""
+    calibration: str | None = None
+    """The unit's file as it was before these recordings, which it does not hold yet."""
+    now: str | None = None
+    """The power-up that is still on: what it adds is known likewise, until it is switched off."""
 
     def __post_init__(self) -> None:
+        require_choice("split", self.split, SPLITS)
+        if self.reference_error_deg is not None:
+            require_not_negative(self, "reference_error_deg")
+        require_not_negative(self, "reference_offset_deg")
+        require_positive("mean_s", self.mean_s)
         given = [name for name in ("means", "data", "log") if getattr(self, name) is not None]
         require(len(given) == 1, "means, data or log", given or "nothing", "give one of them")
         if self.means is not None:
@@ -73,26 +108,53 @@ class Given:
     """(R,), number of each recording's session; None where it is not known"""
     tilt: tuple[np.ndarray, np.ndarray] | None
     """Roll and pitch, (R,) each, rad; None without accelerometers"""
+    rate_hz: float = 1.0
+    """Samples a second"""
 
 
 def main(config: CalibrateConfig) -> Path:
-    """Calibrate, print the results, write them as JSON, and return the file's path."""
-    given = _read(config)
+    """Calibrate, print the results, write them, and return the path of the results' file."""
+    labels = Labels(
+        None if config.reference_error_deg is None else config.reference_error_deg * DEG
+    )
+    given, imu = _read(config, labels)
     require_sound(given)
     means = given.means
     found = calibrate(means.rates, means.heading, means.latitude, given.session, given.tilt)
     print(report(found, given.name, [*_notes(given), *_coarse_steps(means.rates, found.run_sigma)]))
     directory = task_directory("calibrate", fingerprint({**asdict(config), "name": given.name}))
+    if imu is not None:
+        before = None if config.calibration is None else unit_file.load(config.calibration, imu)
+        own = learned(
+            imu, given.rate_hz, labels, config.reference_offset_deg * DEG, config.split, config.now,
+            before,
+        )  # fmt: skip
+        for line in own_unit.report(own):
+            print(line)
+        own.unit.save(directory / "unit.json")
+        print(f"for evaluate and bound: calibration={directory / 'unit.json'}")
+    else:
+        print("whose sensor is not known: imu=NAME, and what is known of this unit is written too")
     write_atomically(directory / "calibration.json", as_json(asdict(found)) + "\n")
     mark_latest(directory)
     return directory / "calibration.json"
 
 
-def _read(config: CalibrateConfig) -> Given:
-    """The input that the configuration names: a table of means, a dataset, or a log."""
+def _read(config: CalibrateConfig, labels: Labels) -> tuple[Given, ImuConfig | None]:
+    """The input that the configuration names (a table of means, a dataset, or a log), each of its
+    recordings kept in `labels`; and the sensor."""
     if config.means is not None:
         assert config.latitude is not None
-        return _read_table(config.means, config.latitude * DEG)
+        given = _read_table(config.means, config.latitude * DEG)
+        if config.imu is not None:
+            require(
+                config.mean_s is not None, "mean_s", None, "must be given with means=FILE and imu"
+            )
+            assert config.mean_s is not None
+            given = replace(given, rate_hz=1 / config.mean_s)
+            for record in _of_means(given):
+                labels.add(record)
+        return given, config.imu
     session = None
     if config.data is not None:
         dataset = Dataset.open_finished(config.data)
@@ -100,10 +162,44 @@ def _read(config: CalibrateConfig) -> Given:
         require(units == 1, "data", config.data, f"has {units} units; a calibration is of one")
         records, name = dataset.records(np.arange(len(dataset))), shown(dataset.path)
         session = dataset.label("session")
-    else:
-        assert config.log is not None
-        records, name = logs.read(config.log, north=False), config.log.name
-    return given_of(records, name, session)
+        sensor = config.imu or build(ImuConfig, dataset.configuration["imu"])
+        if labels.new is None:
+            labels.new = dataset.configuration["scene"]["reference_error_deg"] * DEG
+        given = given_of(labels.passing(records), name, session)
+        labels.sessions = [str(own) for own in session]
+        return replace(given, rate_hz=float(dataset.configuration["rate_hz"])), sensor
+    log, rates = config.log, list[float]()
+    assert log is not None
+
+    def seen() -> Iterator[Record]:
+        for record in logs.read(log, north=False):
+            rates.append(record.rate_hz)
+            yield record
+
+    given = given_of(labels.passing(seen()), log.name, session)
+    if any(labels.sessions):
+        given = replace(given, session=np.unique(labels.session, return_inverse=True)[1])
+    return replace(given, rate_hz=rates[0]), config.imu
+
+
+def _of_means(given: Given) -> Iterator[Record]:
+    """Recordings that are one sample each, of a table of means; level where it has no forces."""
+    means, session = given.means, given.session
+    for k, name in enumerate(means.names):
+        latitude = float(means.latitude[k])
+        force = means.force[k]
+        if not force.any():
+            force = np.array([0.0, 0.0, -normal_gravity(latitude)])
+        yield Record(
+            name,
+            means.rates[k : k + 1],
+            force[None],
+            np.zeros(1),
+            given.rate_hz,
+            latitude,
+            heading_reference=float(means.heading[k]),
+            session=None if session is None else f"{session[k]:g}",
+        )
 
 
 def given_of(records: Iterable[Record], name: str, session: np.ndarray | None) -> Given:

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.commands import run_main
+from lbgc.data import unit_file
 from lbgc.data.looking.auto import AnyLog
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
@@ -30,7 +31,7 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
 from lbgc.sensor.errors import LIFETIMES
 from lbgc.sensor.imu import ImuModel
-from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log
+from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log, of_unit
 from lbgc.verdict import Verdict, reached
 
 if TYPE_CHECKING:
@@ -61,6 +62,9 @@ class EvaluateConfig:
     imu: ImuConfig | None = None
     """The sensor that estimators are told. A log's sensor is known by this alone; where it is null,
     a dataset's own is used."""
+    calibration: str | None = None
+    """What is known of the unit, a file that `calibrate` wrote: estimators are told it in place of
+    the sensor's law, and its means are taken off the recordings."""
     split: str = "test"
     """Split of the dataset that is evaluated on."""
     known: list[str] = field(default_factory=list)
@@ -88,6 +92,14 @@ class EvaluateConfig:
             "known",
             self.known,
             "what a real log's sensor drew is not known; it is for datasets",
+        )
+        about = "and calibration are two things that are known of the unit: give one"
+        require(not (self.known and self.calibration), "known", self.known, about)
+        require(
+            self.calibration is None or self.data is not None or self.imu is not None,
+            "imu",
+            None,
+            "must be given with calibration: whose unit it is",
         )
         require_choice("split", self.split, SPLITS)
         require_choice("against", self.against, ("truth", "reference"))
@@ -149,9 +161,14 @@ def main(config: EvaluateConfig) -> Path:
 def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
     """The description of what is evaluated, its recordings, and their number."""
     if config.log is not None:
-        return of_log(config.log, config.imu)
-    assert config.data is not None
-    return of_dataset(config.data, config.split, config.against, config.known, config.imu)
+        found = of_log(config.log, config.imu)
+    else:
+        assert config.data is not None
+        found = of_dataset(config.data, config.split, config.against, config.known, config.imu)
+    if config.calibration is None:
+        return found
+    sensor = config.imu or build(ImuConfig, (found[0].configuration or {})["imu"])
+    return of_unit(*found, unit_file.load(config.calibration, sensor))
 
 
 def _verdict(config: EvaluateConfig, subject: Subject) -> tuple[list[Verdict], list[str]]:

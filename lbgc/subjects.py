@@ -2,14 +2,15 @@
 sensor."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lbgc.data import logs, picture
-from lbgc.data.compensated import calibrated, drawn_errors
+from lbgc.data.compensated import calibrated, drawn_errors, without_mean
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
+from lbgc.data.unit_file import CalibratedUnit
 from lbgc.earth import heading_exists
 from lbgc.errors import InputError, build, require
 from lbgc.outputs import shown
@@ -121,6 +122,33 @@ def of_dataset(
             )
         )
     return subject, measured, len(indices)
+
+
+def of_unit(
+    subject: Subject, records: Iterator[Measured], count: int, unit: CalibratedUnit
+) -> tuple[Subject, Iterator[Measured], int]:
+    """The same where a unit is known: the means of its errors taken off the recordings, and the
+    sensor's model what is left."""
+    law = subject.imu
+    assert law is not None
+
+    def off(record: Record) -> Record:
+        return without_mean(record, law, unit.known)
+
+    plain, count_of = subject.records, len(unit.sessions)
+    which = f", and of power-up {shown(unit.now)}" if unit.now is not None else ""
+    note = (
+        f"what {unit.recordings} labelled recordings of {count_of} power-up"
+        f"{'s' * (count_of != 1)} tell of this unit{which} is taken off, and estimators are told "
+        "what is left"
+    )
+    own = replace(
+        subject,
+        notes=[*subject.notes, note],
+        imu=unit.told(law),
+        records=lambda: [off(record) for record in plain()],
+    )
+    return own, (replace(each, record=off(each.record)) for each in records), count
 
 
 def heading_of(record: Record, against: str | None) -> float:

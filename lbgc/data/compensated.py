@@ -9,10 +9,11 @@ from lbgc.data.record import Record
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, build
 from lbgc.frames import euler_to_matrix, level, turned
-from lbgc.sensor import errors
+from lbgc.sensor import errors, unit
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import Drawn
 from lbgc.sensor.imu import ImuModel
+from lbgc.sensor.known import Known
 
 
 def stored(dataset: Dataset, rows: np.ndarray, *lifetimes: str) -> tuple[Drawn, Drawn]:
@@ -49,6 +50,13 @@ def calibrated(
     felt = replace(around, force=force, field=field)
     rate = errors.undone(imu.gyro.lasting(*lifetimes), gyro, record.gyro.T, felt, warmth)
     return replace(record, gyro=rate.T, accel=force.T)
+
+
+def without_mean(record: Record, imu: ImuModel, known: Known) -> Record:
+    """The record with the means of what is known of its unit taken off what the sensor printed.
+    imu : the sensor's model before anything was known."""
+    gyro, accel = unit.drawn(imu, known, known.mean)
+    return calibrated(record, imu, gyro, accel, ("unit", "session"))
 
 
 def _field(record: Record, imu: ImuModel) -> np.ndarray:

@@ -17,9 +17,10 @@ plate's rate and its square, and the first four times the warming up so far. So 
 coefficients of patterns, and only these coefficients depend on how the base leans.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from lbgc.frames import DOWN, across
 from lbgc.sensor import errors
 from lbgc.sensor.deterministic import InRun
 from lbgc.sensor.imu import ImuModel
+from lbgc.sensor.known import Coefficient
 from lbgc.units import STANDARD_GRAVITY
 
 CHANNELS = 6
@@ -119,42 +121,115 @@ def signal(base: np.ndarray, site: Site, axis: int = DOWN) -> Signal:
     )
 
 
+STEADY = ""
+"""The part of what errors follow that neither the heading nor a lever arm changes."""
+_Felt: TypeAlias = dict[str, dict[str, np.ndarray]]
+
+
 def causes(imu: ImuModel, base: np.ndarray, site: Site, axis: int = DOWN) -> dict[str, np.ndarray]:
     """Errors that are drawn once, by the name of their cause: coefficients of patterns times 1
     sigma, (G, r, CHANNELS, PATTERNS), of r independent errors each. base : (G, 3, 3), L; axis :
-    about which the plates turn."""
+    about which the plates turn.
+
+    Of a unit that is known (`ImuModel.known`) they are what is not known of it, all in one cause.
+    """
+    found: dict[str, list[np.ndarray]] = {}
+    number = {} if imu.known is None else {c: k for k, c in enumerate(imu.known.coefficients)}
+    left: dict[str, np.ndarray] = {}
+    for cause, which, part, column in drawn_columns(imu, base, site, axis):
+        if which in number:
+            none = np.zeros((len(base), len(number), CHANNELS, PATTERNS))
+            left.setdefault(part, none)[:, number[which]] = column
+        else:
+            found.setdefault(cause, []).append(column)
+    if imu.known is not None and left:
+        by = imu.known.correlated
+        every = [np.einsum("grcp,rs->gscp", own, by, optimize=True) for own in left.values()]
+        found["what is left of the unit"] = list(np.moveaxis(np.concatenate(every, axis=1), 1, 0))
+    of_bench = bench_causes(base, site, axis)
+    found |= {name: list(np.moveaxis(own, 1, 0)) for name, own in of_bench.items()}
+    stacked = {name: np.stack(each, axis=1) for name, each in found.items() if each}
+    return {name: c[:, c.any(axis=(0, 2, 3))] for name, c in stacked.items() if c.any()}
+
+
+def bench_causes(base: np.ndarray, site: Site, axis: int = DOWN) -> dict[str, np.ndarray]:
+    """What is drawn once and is none of the sensor's errors, as `causes` has it."""
+    force = signal(base, site, axis).known[:, ACCEL]
+    vertical = felt_of(base, np.array([0.0, 0.0, -site.north * _LATITUDE]), axis)
+    return {
+        "accelerometer lever arm": np.stack(
+            [_on_channels(ACCEL, c) for c in _levers(len(base), axis)], 1
+        ),
+        "gravity": _GRAVITY * _on_channels(ACCEL, force)[:, None],
+        "latitude": _on_channels(GYRO, vertical)[:, None],
+    }
+
+
+def drawn_columns(
+    imu: ImuModel,
+    base: np.ndarray,
+    site: Site,
+    axis: int = DOWN,
+    heading: np.ndarray | None = None,
+) -> Iterator[tuple[str, Coefficient, str, np.ndarray]]:
+    """What 1 sigma of each of a sensor's coefficients adds to the means: the name of its cause,
+    which it is, the part of what it follows, and (G, CHANNELS, PATTERNS).
+
+    base : (G, 3, 3), L; axis : about which the plates turn; heading : (G,), rad, of the bases.
+    Where it is not known, what turns with it is in parts of its own, by its RMS over headings.
+    """
+    gyro, accel = _felt(imu, base, site, axis, heading)
+    for name, rows, triad, felt, own in (
+        ("gyro", GYRO, imu.gyro, gyro, ""),
+        ("accel", ACCEL, imu.accel, accel, "accelerometer "),
+    ):
+        for error in triad.drawn:
+            for part, of_part in felt[error.follows].items():
+                for i, j, c in error.along(of_part):
+                    warmed = np.pad(c[:, :SQUARE], ((0, 0), (WARM, 0))) if error.warms else c
+                    column = _on_channels(rows, _on_axis(i, warmed))
+                    yield own + error.cause, Coefficient(name, error.name, i, j), part, column
+
+
+def _felt(
+    imu: ImuModel, base: np.ndarray, site: Site, axis: int, heading: np.ndarray | None
+) -> tuple[_Felt, _Felt]:
+    """What the errors of gyros and of accelerometers follow, by its kind and part: coefficients of
+    patterns, (G, 3, PATTERNS). Arguments as for `drawn_columns`."""
     earth = signal(base, site, axis)
     force = earth.known[:, ACCEL]
     turning = np.zeros_like(force)
     turning[:, axis, RATE] = 1.0
-    horizontal = [part[:, GYRO] / np.sqrt(2) for part in earth.q]  # RMS over headings
-    rates = [*horizontal, earth.known[:, GYRO] + turning]
-    levers = [_on_axis(own, _single(len(base), SQUARE, _LEVER_M)) for own in across(axis)]
     one = np.zeros_like(force)
     one[..., ONE] = 1.0
     north, east, down = imu.field_ned
-    level = float(np.hypot(north, east))
-    each_way = [(level, 0.0, 0.0), (0.0, -level, 0.0)]  # of cos and sin of its angle to the base
-    fields = [felt_of(base, np.array(u), axis) / np.sqrt(2) for u in each_way]
-    fields.append(felt_of(base, np.array([0.0, 0.0, down]), axis))
-    found: dict[str, list[np.ndarray]] = {}
-    for rows, triad, truths, own in (
-        (GYRO, imu.gyro, rates, ""),
-        (ACCEL, imu.accel, [force], "accelerometer "),
-    ):
-        felt = {errors.ONE: [one], errors.TRUTH: truths, errors.FORCE: [force, *levers],
-                errors.FIELD: fields}  # fmt: skip
-        for error in triad.drawn:
-            each = found.setdefault(own + error.cause, [])
-            for row, c in (one for part in felt[error.follows] for one in error.along(part)):
-                warmed = np.pad(c[:, :SQUARE], ((0, 0), (WARM, 0))) if error.warms else c
-                each.append(_on_channels(rows, _on_axis(row, warmed)))
-    found["accelerometer lever arm"] = [_on_channels(ACCEL, lever) for lever in levers]
-    found["gravity"] = [_GRAVITY * _on_channels(ACCEL, force)]
-    vertical = felt_of(base, np.array([0.0, 0.0, -site.north * _LATITUDE]), axis)
-    found["latitude"] = [_on_channels(GYRO, vertical)]
-    stacked = {name: np.stack(each, axis=1) for name, each in found.items() if each}
-    return {name: c[:, c.any(axis=(0, 2, 3))] for name, c in stacked.items() if c.any()}
+    level, declination = float(np.hypot(north, east)), float(np.arctan2(east, north))
+    each_way = [felt_of(base, np.array(u), axis) for u in ((level, 0.0, 0.0), (0.0, -level, 0.0))]
+    vertical = felt_of(base, np.array([0.0, 0.0, down]), axis)
+    rates = _by_heading([q[:, GYRO] for q in earth.q], earth.known[:, GYRO] + turning, heading)
+    away = None if heading is None else heading - declination
+    forces = {STEADY: force} | {f"lever {k}": c for k, c in enumerate(_levers(len(base), axis))}
+    fields = _by_heading(each_way, vertical, away)
+    both = {errors.ONE: {STEADY: one}, errors.FORCE: forces, errors.FIELD: fields}
+    return {**both, errors.TRUTH: rates}, {**both, errors.TRUTH: {STEADY: force}}
+
+
+def _by_heading(
+    turns: Sequence[np.ndarray], steady: np.ndarray, angle: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """The parts of a vector that turns[0] cos(angle) + turns[1] sin(angle) + steady makes, (G, 3,
+    PATTERNS) each: one where the angle, (G,), rad, is known."""
+    if angle is None:
+        cos, sin = (own / np.sqrt(2) for own in turns)
+        return {"along": cos, "across": sin, STEADY: steady}
+    cos, sin = (f(angle)[:, None, None] for f in (np.cos, np.sin))
+    return {STEADY: cos * turns[0] + sin * turns[1] + steady}
+
+
+def _levers(count: int, axis: int) -> list[np.ndarray]:
+    """What 1 sigma of a lever arm, either way across the axis, makes accelerometers feel, (G, 3,
+    PATTERNS) each."""
+    return [_on_axis(own, _single(count, SQUARE, _LEVER_M)) for own in across(axis)]
 
 
 def _single(count: int, pattern: int, size: float) -> np.ndarray:

@@ -144,6 +144,19 @@ def bound_against_time(
     return figure
 
 
+def error_by_labelled(rows: Sequence[Mapping[str, float]], title: str) -> Figure:
+    """The floor against the number of labelled recordings. rows : labelled, floor_deg."""
+    figure, axes = _figure(
+        f"What labelled recordings buy: {title}", "labelled recordings of this unit", "RMSE, deg"
+    )
+    counts, floor = ([row[name] for row in rows] for name in ("labelled", "floor_deg"))
+    axes.plot(counts, floor, "o-", color="C0", markersize=3.5)
+    axes.set_xscale("symlog", linthresh=1)
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.set_ylim(bottom=0)
+    return figure
+
+
 def png(figure: Figure, dpi: int = 130) -> bytes:
     """A figure as PNG."""
     buffer = io.BytesIO()

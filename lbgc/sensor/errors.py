@@ -53,10 +53,14 @@ class Proportional:
     cross: Triple | None = None
     warms: bool = False
     """Whether it grows with the temperature's rise since power-up"""
+    left: tuple[Triple, Triple, Triple] | None = None
+    """1 sigma of what is left of each c_ij, where a unit's own are known (lbgc.sensor.unit)"""
 
     @cached_property
     def sigma(self) -> np.ndarray:
         """1 sigma of c, (3, 3)."""
+        if self.left is not None:
+            return np.array(self.left)
         if self.cross is None:
             return np.diag(self.own or NONE)
         rows = np.repeat(np.array(self.cross)[:, None], 3, axis=1)
@@ -85,14 +89,14 @@ class Proportional:
         """c of a sensor that has no such error, (3, 3) or (3,)."""
         return np.zeros(3 if self.cross is None else (3, 3))
 
-    def along(self, felt: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        """What 1 sigma of each coefficient makes of what is followed, felt (G, 3, *S): the axis
-        that prints it, and (G, *S)."""
-        for i, j, sigma in self._sizes:
-            yield i, sigma * felt[:, j]
+    def along(self, felt: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
+        """What 1 sigma of each coefficient c_ij makes of what is followed, felt (G, 3, *S): i, the
+        axis that prints it, j, and (G, *S)."""
+        for i, j, sigma in self.sizes:
+            yield i, j, sigma * felt[:, j]
 
     @cached_property
-    def _sizes(self) -> list[tuple[int, int, float]]:
+    def sizes(self) -> list[tuple[int, int, float]]:
         """Which coefficients there are, and 1 sigma of each."""
         return [(int(i), int(j), float(self.sigma[i, j])) for i, j in np.argwhere(self.sigma > 0)]
 
@@ -103,7 +107,7 @@ class Proportional:
     def gone(self) -> "Proportional":
         """This kind of error where a sensor has none, or where it is known and taken out."""
         own, cross = (None if size is None else NONE for size in (self.own, self.cross))
-        return replace(self, own=own, cross=cross)
+        return replace(self, own=own, cross=cross, left=None)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from lbgc.sensor import errors, gaussian, noise
 from lbgc.sensor.counting import Counts
 from lbgc.sensor.deterministic import STARTED, InRun, Started
 from lbgc.sensor.errors import FIELD, ONE, Drawn, Proportional, Surroundings, Triple
+from lbgc.sensor.known import Known
 from lbgc.sensor.low_pass import LowPass
 
 ALONE = Surroundings()
@@ -290,6 +291,8 @@ class ImuModel:
     """The magnetic field around it, north, east and down, T"""
     assumed: str = ""
     """What of it is assumed and was never measured, for whoever reads figures that hang on it."""
+    known: Known | None = None
+    """What is known of the unit, its means taken off; `gyro` and `accel` then have what is left"""
 
     @property
     def is_noiseless(self) -> bool:

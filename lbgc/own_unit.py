@@ -1,0 +1,236 @@
+"""What labelled recordings teach of one unit: what `calibrate` writes to the unit's file, and says
+of it."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from lbgc.data.compensated import without_mean
+from lbgc.data.record import Record, block_means
+from lbgc.data.unit_file import CalibratedUnit
+from lbgc.data.windows import Windows, cut, joined
+from lbgc.earth import normal_gravity
+from lbgc.estimators.block_means import MOST_BLOCKS, Course, Site
+from lbgc.estimators.floor import expected_floor
+from lbgc.estimators.information import information
+from lbgc.estimators.unit_posterior import (
+    Posterior,
+    Reference,
+    UnitVerdict,
+    evidence,
+    posterior,
+    simplex,
+    undivided,
+    verdict,
+)
+from lbgc.outputs import fingerprint
+from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.errors import LIFETIMES
+from lbgc.sensor.imu import ImuModel
+from lbgc.sensor.known import Known
+from lbgc.units import DEG, HOUR
+
+SPLITS = ("estimated", "stated")
+_DPH = DEG / HOUR
+
+
+@dataclass
+class Labels:
+    """Recordings with known headings as they pass by, of each its means over 240 blocks at most."""
+
+    new: float | None = None
+    """rad, 1 sigma of the headings' error, new in each; None: as the recordings state it"""
+    windows: list[Windows] = field(default_factory=list)
+    heading: list[float] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
+    sessions: list[str | None] = field(default_factory=list)
+
+    def passing(self, records: Iterable[Record]) -> Iterator[Record]:
+        """The recordings, each kept as it passes."""
+        for record in records:
+            self.add(record)
+            yield record
+
+    def add(self, record: Record) -> None:
+        """Keep a recording whose heading is known; others are left to those who read on."""
+        if record.heading_reference is None:
+            return
+        size = -(-len(record.gyro) // MOST_BLOCKS)
+        means = record if size == 1 else block_means(record, record.rate_hz / size)
+        self.windows.append(cut(means, means.duration_s))
+        self.heading.append(record.heading_reference)
+        self.errors.append((record.reference_sigma or 0.0) if self.new is None else self.new)
+        self.sessions.append(record.session)
+
+    @property
+    def session(self) -> np.ndarray:
+        """The power-up of each, (R,), texts: one, where none is named."""
+        return np.array(["" if own is None else own for own in self.sessions])
+
+    def alike(self) -> list[Windows]:
+        """The same windows in order, those of one length together."""
+        found: list[list[Windows]] = []
+        for own in self.windows:
+            last = found[-1][-1] if found else None
+            if last is not None and (last.gyro.shape, last.rate_hz) == (
+                own.gyro.shape,
+                own.rate_hz,
+            ):
+                found[-1].append(own)
+            else:
+                found.append([own])
+        return [joined(several) for several in found]
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A unit, and how it was learned."""
+
+    unit: CalibratedUnit
+    posterior: Posterior
+    prior: ImuModel
+    """The sensor's model before"""
+    verdict: UnitVerdict | None
+    """Whether it shows a constant; None where the split of the bias is stated"""
+    sigma: tuple[float, float]
+    """rad, the expected error of a heading from one more recording like these, before and now"""
+
+
+def learned(
+    imu: ImuConfig,
+    rate_hz: float,
+    labels: Labels,
+    offset: float,
+    split: str,
+    now: str | None,
+    before: CalibratedUnit | None = None,
+) -> Learned:
+    """Learn a unit of this sensor by its labelled recordings.
+
+    offset : rad, 1 sigma of the headings' constant offset; split : see `CalibrateConfig.split`;
+    now : the power-up that is still on; before : what was known of it already.
+    """
+    prior = imu.model(rate_hz)
+    if before is not None:
+        prior = before.told(prior)
+    estimated = split == "estimated" and before is None and bool(prior.gyro.bias().any())
+    base = undivided(prior) if estimated else prior
+    windows = labels.alike()
+    if before is not None:
+        windows = [_without(own, imu.model(rate_hz), before.known) for own in windows]
+    heading, session = np.array(labels.heading), labels.session
+    told = evidence(base, windows, heading, Reference(np.array(labels.errors), offset))
+    found = posterior(base, told, session, now, simplex() if estimated else None)
+    old = () if before is None else before.sessions
+    unit, power, run = (_three(found.imu.gyro.bias(life)) for life in LIFETIMES)
+    if before is not None or not estimated:
+        unit = _three(imu.gyro.triad().bias("unit"))
+    own = CalibratedUnit(
+        imu.name,
+        fingerprint(asdict(imu)),
+        (unit, power, run),
+        found.known,
+        len(heading) + (0 if before is None else before.recordings),
+        tuple(dict.fromkeys([*old, *session.tolist()])),
+        now,
+    )
+    said = verdict(base, told, session) if estimated else None
+    last = windows[-1]
+    sizes = tuple(_expected(model, last) for model in (prior, own.told(imu.model(rate_hz))))
+    return Learned(own, found, prior, said, (sizes[0], sizes[1]))
+
+
+def _three(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def _without(windows: Windows, imu: ImuModel, known: Known) -> Windows:
+    """Windows with the means of what is known of the unit taken off what its sensor printed."""
+    rows = [without_mean(_record(windows, k), imu, known) for k in range(len(windows))]
+    return joined([cut(own, own.duration_s) for own in rows])
+
+
+def _record(windows: Windows, k: int) -> Record:
+    """One window as a recording."""
+    return Record(
+        "window",
+        windows.gyro[k],
+        windows.accel[k],
+        windows.plate_angle[k],
+        windows.rate_hz,
+        float(windows.latitude[k]),
+    )
+
+
+def _expected(imu: ImuModel, windows: Windows) -> float:
+    """The floor, rad, of one more recording at rest that is as long as these."""
+    latitude = float(windows.latitude[0])
+    site = Site(latitude, normal_gravity(latitude))
+    blocks = max(2, windows.gyro.shape[1])
+    course = Course.planned(np.zeros(blocks), windows.duration_s / blocks)
+    return expected_floor(information(imu, course, site))
+
+
+def report(found: Learned) -> list[str]:
+    """What was learned, in sentences."""
+    unit, known = found.unit, found.posterior.known
+    count = len(unit.sessions)
+    lines = [
+        f"what is known of this {unit.sensor} now, by {unit.recordings} labelled recordings of "
+        f"{count} power-up{'s' * (count != 1)}:"
+    ]
+    for k, c in enumerate(known.coefficients):
+        if c.triad == "gyro" and c.error in ("bias_unit", "bias_session"):
+            whose = "this unit" if c.error == "bias_unit" else f"power-up {unit.now}"
+            lines.append(
+                f"  bias {['forward', 'right', 'down'][c.i]:8s} of {whose} "
+                f"{known.mean[k] / _DPH:+.4g} deg/h, 1 sigma {known.sigma[k] / _DPH:.3g}"
+            )
+    before, now = (np.rad2deg(own) for own in found.sigma)
+    lines.append(
+        f"one more recording like these, in a power-up of its own: {before:.3g} deg before, "
+        f"{now:.3g} deg now"
+        if unit.now is None
+        else f"one more recording like these, in this power-up: {before:.3g} deg before, "
+        f"{now:.3g} deg now"
+    )
+    if found.verdict is not None:
+        lines += _of_split(found, count)
+    return lines
+
+
+def _of_split(found: Learned, sessions: int) -> list[str]:
+    """What the recordings say of how the bias splits, and of a constant."""
+    assert found.verdict is not None
+    weight, shares = found.posterior.weight, found.posterior.shares
+    mean = weight @ shares
+    low, high = _interval(shares[:, 0], weight)
+    lines = [
+        f"of the bias's variance the unit keeps {mean[0]:.0%} (95%: {low:.0%} to {high:.0%}), a "
+        f"power-up adds {mean[1]:.0%}, a recording {mean[2]:.0%}"
+    ]
+    if sessions < 2:
+        lines.append("one power-up: a unit's constant and this power-up's cannot be told apart")
+    factor = found.verdict.log_bayes_factor / np.log(10)
+    said = f"log10 of the Bayes factor of a constant of this unit against none: {factor:+.2f}"
+    if len(found.verdict.gains) > 1:
+        gain, sigma = found.verdict.gain, found.verdict.gain_sigma
+        said += (
+            f"; one power-up by the others, log predictive score {gain:+.2f} (standard error "
+            f"{sigma:.2f}) a power-up"
+        )
+    lines.append(said)
+    if factor < 0:
+        lines.append("these recordings show no constant of this unit; expect no gain")
+    return lines
+
+
+def _interval(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
+    """The 95% interval of a weighted sample."""
+    order = np.argsort(values)
+    below = np.cumsum(weight[order])
+    low, high = (int(np.searchsorted(below, p)) for p in (0.025, 0.975))
+    own: Sequence[float] = values[order].tolist()
+    return own[low], own[min(high, len(own) - 1)]
