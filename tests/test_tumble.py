@@ -1,5 +1,6 @@
 """The tumble: poses at rest with unknown headings, against brute force, bounds and labels."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +12,13 @@ from lbgc.data.windows import Windows
 from lbgc.errors import InputError
 from lbgc.estimators import error_patterns, pose_information
 from lbgc.estimators import held as holding
-from lbgc.estimators.held import held, planned
+from lbgc.estimators.held import held, planned, shortest
 from lbgc.estimators.pose_information import form
 from lbgc.estimators.torus import Torus, particles
 from lbgc.estimators.tumble import solved, tumble, turned_by
 from lbgc.estimators.tumble_floor import Tumbling, attitudes, expected, small_errors
 from lbgc.estimators.unit_posterior import Reference, evidence, posterior
-from lbgc.frames import euler_to_matrix, wrap
+from lbgc.frames import euler_to_matrix, rotation_matrix, wrap
 from lbgc.sensor.imu import ImuModel
 from lbgc.sensor.noise import White
 
@@ -123,7 +124,7 @@ def test_told_labels_agree_with_the_labelled_posterior(monkeypatch):
     of = held(log, imu)
     heading = turned_by(truth, of.base)
     own = form(of, imu, heading)
-    bias = own.bias - own.bias_by @ Torus(own).v(heading)
+    bias = own.errors(Torus(own).v(heading)).bias
     gyro, accel = (np.array([x[a:b] for a, b in log.rests]) for x in (log.gyro, log.accel))
     none, P = np.zeros(len(truth)), len(truth)
     windows = Windows(
@@ -239,6 +240,14 @@ def test_planned_poses_tell_what_recorded_ones_do():
         np.testing.assert_allclose(sizes[0], sizes[1], rtol=0.02)
 
 
+def test_half_a_turn_is_told_from_none():
+    rng = np.random.default_rng(8)
+    for angle in (0.0, 1e-9, 1.0, 3.0, np.pi - 1e-3, np.pi - 1e-9, np.pi):
+        axis = rng.standard_normal(3)
+        matrix = rotation_matrix(angle * axis / np.linalg.norm(axis))
+        np.testing.assert_allclose(rotation_matrix(shortest(matrix)), matrix, atol=1e-7)
+
+
 def test_slopes_and_curvature_are_those_of_log_p():
     imu, rng = sensor("stim300"), np.random.default_rng(7)
     log = poses(rng, imu, attitudes(rng, 4), 30.0, integrated=True, known=False)
@@ -251,3 +260,16 @@ def test_slopes_and_curvature_are_those_of_log_p():
     np.testing.assert_allclose(gradient[0], slope, rtol=1e-4, atol=1e-5 * np.abs(slope).max())
     bend = (torus.curved(theta + step)[0] - torus.curved(theta - step)[0]) / 2e-5
     np.testing.assert_allclose(exact[0], -bend, rtol=1e-4, atol=1e-6 * np.abs(bend).max())
+
+
+def test_bound_says_what_a_tumble_costs_beside_other_ways(cli, tmp_path):
+    done = cli("lbgc.bound", "imu=kvh1775", "tumble=[6,3]", "tumble_dwell_s=60", "windows_s=[60]")
+    assert "poses of 60 s in any attitudes, 10 s apart" in done.out
+    few, many = json.loads((tmp_path / done.last_line / "bound.json").read_text())["tumble"]
+    assert (few["poses"], many["poses"]) == (3, 6)
+    np.testing.assert_allclose(many["minutes"], (6 * 60 + 5 * 10) / 60)
+    assert many["integrated_deg"] < many["separate_deg"] < few["separate_deg"]
+    assert many["separate_deg"] < many["labelled_deg"]
+    assert many["two_position_deg"] < few["two_position_deg"]
+    refused = cli("lbgc.bound", "imu=kvh1775", "tumble=[0]")
+    assert "tumble = 0: must be from 1 to 100" in refused.err

@@ -10,8 +10,8 @@ from lbgc.bound import BoundConfig
 from lbgc.data.poses import Poses
 from lbgc.earth import EARTH_RATE, earth_rate_ned, normal_gravity
 from lbgc.estimators.error_patterns import ANY_TILT
-from lbgc.estimators.held import Held
-from lbgc.frames import rotation_matrix, rotation_vector, rotation_z
+from lbgc.estimators.held import Held, shortest
+from lbgc.frames import rotation_matrix, rotation_z
 from lbgc.sensor import errors
 from lbgc.sensor.errors import Surroundings
 from lbgc.sensor.imu import ImuModel, Triad
@@ -49,7 +49,7 @@ def poses(
         rests.append((at, at + rest))
         at += rest + gap
         if p + 1 < len(attitudes):
-            turn = rotation_vector(own.T @ attitudes[p + 1]) / HANDLING_S
+            turn = shortest(own.T @ attitudes[p + 1]) / HANDLING_S
             fine = (np.arange(gap * _FINE) + 0.5) / RATE_HZ / _FINE
             on = own @ rotation_matrix(turn * fine[:, None])
             rate.append(turn + (earth @ on).reshape(gap, _FINE, 3).mean(axis=1))

@@ -8,7 +8,7 @@ one, makes L_p M L_p+1' a rotation by the angle Delta about the vertical, but fo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -84,10 +84,43 @@ class Turn:
     """(3, 3, 3), likewise the specific force, m/s"""
     square: np.ndarray
     """(3, 3, 3), integral of M[:, i] M[:, i]' of each axis i, s"""
-    offset: np.ndarray
-    """(3,), rad/s, what was taken off the gyros before they were integrated"""
+    taken: np.ndarray
+    """(3,), rad, integral of M times what was taken off the gyros before they were integrated"""
     warmth: float
     """K, mean rise of the temperature since power-up"""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorErrors:
+    """What a sensor errs by, as far as it is known: gyros bias + gain rate + by_force force,
+    accelerometers accel_bias + accel_gain force."""
+
+    bias: np.ndarray
+    """(3,), rad/s"""
+    gain: np.ndarray
+    """(3, 3)"""
+    by_force: np.ndarray
+    """(3, 3), rad/s by m/s^2"""
+    accel_bias: np.ndarray
+    """(3,), m/s^2"""
+    accel_gain: np.ndarray
+    """(3, 3)"""
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "SensorErrors":
+        """Of all of them in one row, (ERRORS,), in the order above."""
+        parts = np.split(values, [3, 12, 21, 24])
+        return cls(*(own if len(own) == 3 else own.reshape(3, 3) for own in parts))
+
+    def undone(self, gyro: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and specific forces, (m, 3) both, of which the sensor has printed these."""
+        force = np.linalg.solve(np.eye(3) + self.accel_gain, (accel - self.accel_bias).T)
+        rate = np.linalg.solve(np.eye(3) + self.gain, (gyro - self.bias).T - self.by_force @ force)
+        return rate.T, force.T
+
+
+ERRORS = 33
+"""Numbers that a sensor's errors have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +136,8 @@ class Held:
     """(P - 1,), None where the turn is not known"""
     body: np.ndarray
     """(6, n), means over the parts: rate, rad/s, and specific force, m/s^2"""
+    log: Poses | None = None
+    """What they are of, where it was recorded"""
 
     @property
     def count(self) -> int:
@@ -156,14 +191,23 @@ def held(poses: Poses, imu: ImuModel) -> Held:
         ]
     )
     base = euler_to_matrix(*level(force), 0.0)
-    turns: tuple[Turn | None, ...] = (None,) * (len(rests) - 1)
-    if poses.integrated:
-        offset = body[:3].mean(axis=1)
-        edges = [(a * size, b * size) for a, b in rests]
-        turns = tuple(
-            _turn(poses, imu, before, after, offset) for (_, before), (after, _) in pairwise(edges)
-        )
-    return Held(layout, base, poses.latitude, turns, body)
+    found = Held(layout, base, poses.latitude, (None,) * (len(rests) - 1), body, poses)
+    known = np.pad(body[:3].mean(axis=1), (0, ERRORS - 3))
+    return anew(found, imu, base, SensorErrors.of(known))
+
+
+def anew(of: Held, imu: ImuModel, base: np.ndarray, known: SensorErrors) -> Held:
+    """The same poses with other levels, base (P, 3, 3), and turns that the gyros tell without the
+    errors that are known by now: turns are linear in small errors alone."""
+    log = of.log
+    if log is None or not log.integrated:
+        return replace(of, base=base)
+    size = round(of.layout.interval * log.rate_hz)
+    edges = [(a * size, b * size) for a, b in of.layout.rests]
+    turns = tuple(
+        _turn(log, imu, before, after, known) for (_, before), (after, _) in pairwise(edges)
+    )
+    return replace(of, base=base, turns=turns)
 
 
 def _size(rests: Sequence[tuple[int, int]]) -> int:
@@ -175,7 +219,7 @@ def _size(rests: Sequence[tuple[int, int]]) -> int:
     return whole[0] if whole else least
 
 
-def _turn(poses: Poses, imu: ImuModel, first: int, last: int, offset: np.ndarray) -> Turn | None:
+def _turn(poses: Poses, imu: ImuModel, first: int, last: int, known: SensorErrors) -> Turn | None:
     """The turn over samples first to last; None where the gyros do not tell it: a sample is
     missing, at the end of the range, or turns too far."""
     gyro, force = (x[first:last].astype(float) for x in (poses.gyro, poses.accel))
@@ -185,11 +229,11 @@ def _turn(poses: Poses, imu: ImuModel, first: int, last: int, offset: np.ndarray
     most = np.abs(gyro).max(initial=0.0)
     if imu.gyro.range is not None and most >= _FULL * imu.gyro.range:
         return None
-    rate = gyro - offset
+    rate, force = known.undone(gyro, force)
     if np.linalg.norm(rate, axis=1).max(initial=0.0) * dt > _TOLD:
         return None
     start = (first * dt, last * dt)
-    return _integrated(rate, force, dt, offset, _warmth(imu, *start))
+    return _integrated(rate, force, dt, known, _warmth(imu, *start))
 
 
 def _warmth(imu: ImuModel, start_s: float, end_s: float) -> float:
@@ -198,7 +242,7 @@ def _warmth(imu: ImuModel, start_s: float, end_s: float) -> float:
 
 
 def _integrated(
-    rate: np.ndarray, force: np.ndarray, dt: float, offset: np.ndarray, warmth: float
+    rate: np.ndarray, force: np.ndarray, dt: float, known: SensorErrors, warmth: float
 ) -> Turn:
     """The sums of a turn. rate, force : (m, 3), each a mean over dt, s."""
     steps = rotation_matrix(rate * dt)
@@ -207,16 +251,13 @@ def _integrated(
     for k, step in enumerate(steps):
         M[k] = at @ half[k]
         at = at @ step
-    return Turn(
-        at,
-        len(rate) * dt,
-        M.sum(axis=0) * dt,
-        np.einsum("kai,kj->aij", M, rate) * dt,
-        np.einsum("kai,kj->aij", M, force) * dt,
-        np.einsum("kai,kbi->iab", M, M) * dt,
-        offset,
-        warmth,
-    )
+    one = M.sum(axis=0) * dt
+    truth, by_force = (np.einsum("kai,kj->aij", M, x) * dt for x in (rate, force))
+    taken = one @ known.bias
+    taken += np.einsum("aij,ij->a", truth, known.gain)
+    taken += np.einsum("aij,ij->a", by_force, known.by_force)
+    square = np.einsum("kai,kbi->iab", M, M) * dt
+    return Turn(at, len(rate) * dt, one, truth, by_force, square, taken, warmth)
 
 
 def planned(
@@ -253,11 +294,26 @@ def _evenly(
 ) -> Turn:
     """An even turn from one attitude to the next, in so many seconds, from a time on, s."""
     count = 200
-    rate = np.tile(rotation_vector(this.T @ then) / seconds, (count, 1))
+    rate = np.tile(shortest(this.T @ then) / seconds, (count, 1))
     dt = seconds / count
     on = rotation_matrix(rate * (np.arange(count) + 0.5)[:, None] * dt)
     force = -gravity * (this @ on)[:, 2]
-    return _integrated(rate, force, dt, np.zeros(3), _warmth(imu, at_s, at_s + seconds))
+    none = SensorErrors.of(np.zeros(ERRORS))
+    return _integrated(rate, force, dt, none, _warmth(imu, at_s, at_s + seconds))
+
+
+def shortest(matrix: np.ndarray) -> np.ndarray:
+    """The rotation vector, (3,), of a rotation, (3, 3), by half a turn or less: as
+    `lbgc.frames.rotation_vector`, which does not tell half a turn from none."""
+    cosine = min(max((float(np.trace(matrix)) - 1) / 2, -1.0), 1.0)
+    if cosine > -0.99:
+        return rotation_vector(matrix)
+    outer = ((matrix + matrix.T) / 2 - cosine * np.eye(3)) / (1 - cosine)
+    axis = outer[:, int(np.argmax(np.diag(outer)))]
+    axis = axis / np.linalg.norm(axis)
+    x, y, z = matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]
+    sine = float(axis @ (x, y, z)) / 2
+    return np.asarray(axis * np.arctan2(sine, cosine))
 
 
 def _whole(dwell_s: float, handling_s: float) -> float:

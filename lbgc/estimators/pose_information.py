@@ -18,8 +18,9 @@ gyros tell (lbgc.estimators.held) gives three figures more,
     d = (psi_p+1 - psi_p - Delta) e_z + T w_p - t_p + Rz(Delta) t_p+1 + L_p a
 
 with T the time of the turn, w_p Earth's rate in level axes of pose p's heading, and a what the
-gyros' errors integrate to. Its noise is angle random walk and a bias that wanders as far as in the
-whole session: more than it does, and both little against scale factor times angle.
+gyros' errors integrate to. Its noise is angle random walk and what the bias wanders from its
+constant by the session's end, as if new in each turn: that the rests tell most of that wandering is
+not made use of, and sigma is a little too large by it.
 
 t and e are taken out by least squares, and what remains is log p = v' h - v' J v / 2 + constant.
 What follows the truth (scale factor, misalignment) depends on the headings besides; the columns U
@@ -48,9 +49,8 @@ from lbgc.estimators.error_patterns import (
     felt_of,
     signal,
 )
-from lbgc.estimators.held import Held, Layout, Turn
+from lbgc.estimators.held import ERRORS, Held, Layout, SensorErrors, Turn
 from lbgc.sensor import errors
-from lbgc.sensor.errors import Proportional
 from lbgc.sensor.imu import ImuModel
 from lbgc.sensor.unit import Coefficient
 
@@ -59,6 +59,16 @@ _ANY_GRAVITY = 3.0
 """By how much gravity is less sure where the latitude is not known: it changes by 0.5% in all."""
 _LEAST = np.repeat((1e-12, 1e-9), 3)
 """rad/s and m/s^2, noise far below any sensor's, as in lbgc.estimators.error_patterns."""
+
+
+_BEGIN = {
+    ("gyro", errors.ONE): 0,
+    ("gyro", errors.TRUTH): 3,
+    ("gyro", errors.FORCE): 12,
+    ("accel", errors.ONE): 21,
+    ("accel", errors.TRUTH): 24,
+}
+"""Where the errors of a kind begin in a row of `SensorErrors`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,16 +140,21 @@ class Form:
     """(2 P + 1 + K,)"""
     J: np.ndarray
     """(2 P + 1 + K, 2 P + 1 + K)"""
-    bias: np.ndarray
-    """(3,), rad/s: the gyros' bias, beyond what is known of the unit, were v zero"""
-    bias_by: np.ndarray
-    """(3, 2 P + 1 + K): the bias is `bias` less this times v"""
+    lasting: np.ndarray
+    """(ERRORS,), the sensor's errors (`lbgc.estimators.held.SensorErrors`), beyond what is known of
+    the unit, were v zero"""
+    lasting_by: np.ndarray
+    """(ERRORS, 2 P + 1 + K): they are `lasting` less this times v"""
     bias_covariance: np.ndarray
-    """(3, 3), (rad/s)^2, of it when v is known"""
+    """(3, 3), (rad/s)^2, of the bias when v is known"""
     tilt: np.ndarray
     """(P, 2), rad: the levels' errors about the level axes forward and right, were v zero"""
     tilt_by: np.ndarray
     """(P, 2, 2 P + 1 + K): they are `tilt` less this times v"""
+
+    def errors(self, v: np.ndarray) -> SensorErrors:
+        """The sensor's errors where the poses are held by v."""
+        return SensorErrors.of(self.lasting - self.lasting_by @ v)
 
 
 def form(
@@ -151,7 +166,7 @@ def form(
     known = of.latitude
     at = known if known is not None else (0.0 if latitude is None else latitude)
     site = Site(at, normal_gravity(at) if known is not None else _MEAN_GRAVITY)
-    V, T, U, d, bias = _rests(of, imu, site, heading)
+    V, T, U, d, lasting = _rests(of, imu, site, heading)
     if len(of.linked):
         every = _turns(of, imu, site, heading)
         K = len(of.linked)
@@ -165,14 +180,14 @@ def form(
     taken = Q[: len(N)]
     left = np.pad(both, ((0, len(ones)), (0, 0))) - Q @ (taken.T @ both)
     J = left[:, :-1].T @ left
-    wanted = np.concatenate([np.pad(bias, ((0, 0), (len(T), 0))), ANY_TILT * ones[: len(T)]])
+    wanted = np.concatenate([np.pad(lasting, ((0, 0), (len(T), 0))), ANY_TILT * ones[: len(T)]])
     root = scipy.linalg.solve_triangular(S, wanted.T, trans="T").T
     by = root @ (taken.T @ both)
-    tilt = np.moveaxis(by[3:].reshape(2, of.count, -1), 0, 1)
+    tilt = np.moveaxis(by[len(lasting) :].reshape(2, of.count, -1), 0, 1)
     D = of.between()
     delta = np.arctan2(D[:, 1, 0] - D[:, 0, 1], D[:, 0, 0] + D[:, 1, 1])
     return Form(
-        of.count, known, of.linked, delta, J[:, -1], J[:, :-1], by[:3, -1], by[:3, :-1],
+        of.count, known, of.linked, delta, J[:, -1], J[:, :-1], by[:ERRORS, -1], by[:ERRORS, :-1],
         root[:3] @ root[:3].T, tilt[..., -1], tilt[..., :-1],
     )  # fmt: skip
 
@@ -204,8 +219,8 @@ def _independent(imu: ImuModel, which: list[Coefficient], columns: np.ndarray) -
 def _rests(
     of: Held, imu: ImuModel, site: Site, heading: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of the means at rest: V (2 P + 1, m), T (2 P, m), U (r, m), d (m,), and the bias that each
-    of e makes, (3, r)."""
+    """Of the means at rest: V (2 P + 1, m), T (2 P, m), U (r, m), d (m,), and what each of e makes
+    of the sensor's errors, (ERRORS, r)."""
     white, P = reduction(imu, of.layout), of.count
     felt = signal(of.base, site)
     north = signal(of.base, Site(0.0, site.gravity))
@@ -233,14 +248,17 @@ def _rests(
     else:
         aside = np.concatenate([aside, white.columns(bench["latitude"])])
     U = np.concatenate([_independent(imu, which, raw), aside])
-    bias = np.zeros((3, len(which)))
-    names = {e.name: e for e in imu.gyro.drawn if e.follows == errors.ONE and not e.warms}
+    lasting = np.zeros((ERRORS, len(which)))
     for k, c in enumerate(which):
-        if c.triad == "gyro" and c.error in names:
-            bias[c.i, k] = names[c.error].sigma[c.i, c.i]
-    bias = np.pad(_independent(imu, which, bias.T), ((0, len(aside)), (0, 0))).T
+        triad = imu.gyro if c.triad == "gyro" else imu.accel
+        error = next(e for e in triad.drawn if e.name == c.error)
+        begin = _BEGIN.get((c.triad, error.follows))
+        if begin is not None and not error.warms:
+            row = begin + (c.i if error.follows == errors.ONE else 3 * c.i + c.j)
+            lasting[row, k] = error.sigma[c.i, c.j]
+    lasting = np.pad(_independent(imu, which, lasting.T), ((0, len(aside)), (0, 0))).T
     force = white.columns(np.pad(felt.known[:, None, 3:], ((0, 0), (0, 0), (3, 0), (0, 0))))[0]
-    return V, T, U, white.told(of.body) - force, bias
+    return V, T, U, white.told(of.body) - force, lasting
 
 
 def _turns(
@@ -251,18 +269,18 @@ def _turns(
     every = list(_every(imu, of, site, heading))
     V, T = np.zeros((2 * P + 1 + K, K, 3)), np.zeros((2, P, K, 3))
     raw, d = np.zeros((len(every), K, 3)), np.zeros((K, 3))
-    sizes = {e.name: e for e in imu.gyro.drawn}
-    slow = imu.gyro.slow_variance(of.layout.duration_s)
+    kinds = {e.name: (e.follows, e.warms, e.sigma) for e in imu.gyro.drawn}
     for k, (p, D) in enumerate(zip(of.linked.tolist(), of.between(), strict=True)):
         turn = of.turns[p]
         assert turn is not None
+        slow = _wandered(imu, of.layout.duration_s, turn.seconds)
         angle = np.arctan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])
         c, s = np.cos(angle), np.sin(angle)
         about = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         L = of.base[p]
         E = D @ about.T
         d[k] = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
-        d[k] += L @ turn.one @ turn.offset
+        d[k] += L @ turn.taken
         V[2 * P + 1 + k, k, 2] = 1.0
         V[p, k, 0], V[P + p, k, 1] = np.array([1, -1]) * EARTH_RATE * turn.seconds
         V[2 * P, k, 2] = -EARTH_RATE * turn.seconds
@@ -270,7 +288,9 @@ def _turns(
         T[0, p + 1, k], T[1, p + 1, k] = ANY_TILT * about[:, 0], ANY_TILT * about[:, 1]
         for row, which in zip(raw, every, strict=True):
             if which.triad == "gyro":
-                row[k] = L @ _integral(turn, sizes[which.error], which.i, which.j)
+                follows, warms, sigma = kinds[which.error]
+                size = sigma[which.i, which.j] * (turn.warmth if warms else 1.0)
+                row[k] = size * (L @ _integral(turn, follows, which.i, which.j))
         spread = sum(
             imu.gyro.N[i] ** 2 * turn.square[i] + slow[i] * np.outer(turn.one[:, i], turn.one[:, i])
             for i in range(3)
@@ -280,19 +300,33 @@ def _turns(
         for each in own:
             each[:] = scipy.linalg.solve_triangular(lower, each.T, lower=True).T
         d[k] = scipy.linalg.solve_triangular(lower, d[k], lower=True)
-    U = _independent(imu, every, raw.reshape(len(every), -1))
+    U = _independent(imu, every, raw.reshape(len(every), 3 * K))
     bench = 1 if of.latitude is None else 2
     return (
-        V.reshape(len(V), -1),
-        T.reshape(2 * P, -1),
+        V.reshape(len(V), 3 * K),
+        T.reshape(2 * P, 3 * K),
         np.pad(U, ((0, bench), (0, 0))),
         d.ravel(),
     )
 
 
-def _integral(turn: Turn, error: Proportional, i: int, j: int) -> np.ndarray:
-    """What 1 sigma of a gyros' coefficient integrates to over a turn, (3,), rad, in the axes of the
-    body before it. What follows the magnetic field is left out: it is not known there."""
-    of = {errors.ONE: turn.one[:, i], errors.TRUTH: turn.truth[:, i, j],
-          errors.FORCE: turn.force[:, i, j]}.get(error.follows, np.zeros(3))  # fmt: skip
-    return np.asarray(error.sigma[i, j] * of * (turn.warmth if error.warms else 1.0))
+@lru_cache(maxsize=64)
+def _wandered(imu: ImuModel, duration_s: float, seconds: float) -> np.ndarray:
+    """Variance of what evolves within a session, all but white noise, in the mean over so many
+    seconds at the end of it, of each gyro, (3,), (rad/s)^2."""
+    start = max(0, int(duration_s / seconds) - 1)
+    each = [
+        sum(t.covariance_of_means(1, seconds, 1, start)[0, 0] for t in imu.gyro.in_run(i, imu.dt))
+        for i in range(3)
+    ]
+    return np.maximum(np.array(each) - imu.gyro.N**2 / seconds, 0.0)
+
+
+def _integral(turn: Turn, follows: str, i: int, j: int) -> np.ndarray:
+    """What a gyro error c_ij = 1 that follows this integrates to over a turn, (3,), in the axes of
+    the body before it. What follows the magnetic field is left out: it is not known there."""
+    if follows == errors.ONE:
+        return turn.one[:, i]
+    return {errors.TRUTH: turn.truth, errors.FORCE: turn.force}.get(follows, np.zeros((3, 3, 3)))[
+        :, i, j
+    ]

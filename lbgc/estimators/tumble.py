@@ -6,13 +6,13 @@ tell the gyros' bias, and where the latitude is not known, that too. See
 lbgc.estimators.pose_information for the model, and lbgc.estimators.torus for its posterior.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from lbgc.data.poses import Poses
 from lbgc.errors import InputError
-from lbgc.estimators.held import Held, held
+from lbgc.estimators.held import Held, anew, held
 from lbgc.estimators.pose_information import Form, form
 from lbgc.estimators.torus import PARTICLES, Mixture, Torus, mixture, particles
 from lbgc.estimators.untold import untold
@@ -83,16 +83,18 @@ def solved(of: Held, imu: ImuModel, hemisphere: str) -> tuple[Held, Form, Mixtur
     """Poses with their levels as all data tell them, what they tell, and the maxima of it.
 
     The model is linear about levels and headings: it is made anew about what was found until the
-    levels stay where they are. Accelerometers that err by tens of milliradians need that.
+    levels stay where they are, at least once, turns by what is known of the sensor by then. Sensors
+    that err by percents need that.
     """
     own = form(of, imu)
     first = Torus(own, hemisphere)
     found = mixture(first, first.starts(streams.figures()))
     for _ in range(_ROUNDS):
         best = found.modes[0]
-        tilt = own.tilt - own.tilt_by @ found.torus.v(best)
+        v = found.torus.v(best)
+        tilt = own.tilt - own.tilt_by @ v
         about = rotation_matrix(np.pad(tilt, ((0, 0), (0, 1))))
-        of = replace(of, base=about @ of.base)
+        of = anew(of, imu, about @ of.base, own.errors(v))
         own = form(of, imu, best[: of.count], float(best[-1]) if first.free else None)
         found = mixture(Torus(own, hemisphere), found.modes)
         if np.abs(tilt).max() < _LEVEL:
@@ -123,7 +125,7 @@ def answered(
         for k in np.argsort(-share)
         if share[k] > _LEAST_WEIGHT
     )
-    each = own.bias - about.torus.v(found.theta) @ own.bias_by.T
+    each = own.lasting[:3] - about.torus.v(found.theta) @ own.lasting_by[:3].T
     bias = found.weight @ each
     off = each - bias
     covariance = own.bias_covariance + (found.weight[:, None] * off).T @ off
