@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from lbgc import labelling
+from lbgc import labelling, ways
 from lbgc.commands import run_main
 from lbgc.data import unit_file
 from lbgc.data.configuration import require_height
@@ -76,6 +76,13 @@ class BoundConfig:
     """1 sigma of their headings' error, new in each."""
     labelled_offset_deg: float = 0.0
     """1 sigma of a constant offset of their headings."""
+    tumble: list[int] = field(default_factory=list)
+    """Numbers of poses, in which the sensor is held at rest instead, for which the error is told,
+    beside those of other ways to spend the same minutes."""
+    tumble_dwell_s: float = 120.0
+    """Time in each pose."""
+    tumble_handling_s: float = 10.0
+    """Time between two poses."""
     reference_error_deg: float = 0.0
     """1 sigma of the reference that errors are relative to; 0: they are relative to the truth."""
     lean_deg: float = 0.0
@@ -117,6 +124,11 @@ class BoundConfig:
         for count in self.labelled:
             good = 0 <= count <= labelling.MOST
             require(good, "labelled", count, f"must be from 0 to {labelling.MOST}")
+        for count in self.tumble:
+            good = 1 <= count <= ways.MOST_POSES
+            require(good, "tumble", count, f"must be from 1 to {ways.MOST_POSES}")
+        require_positive("tumble_dwell_s", self.tumble_dwell_s)
+        require_not_negative(self, "tumble_handling_s")
         require_choice("labelled_protocol", self.labelled_protocol, ("static", "same"))
         require_positive("labelled_s", self.labelled_s)
         require_positive("labelled_power_ups", self.labelled_power_ups)
@@ -160,9 +172,10 @@ def main(config: BoundConfig) -> Path:
     print(table(config, rows))
     print(budget_table(parts, longest["window_s"]))
     learning = labelled(config, course, worst)
+    tumbles = tumbled(config)
     directory = task_directory("bound", fingerprint(asdict(config)))
     budget_deg = {k: float(np.rad2deg(v)) for k, v in parts.items()}
-    result = {"bounds": rows, "budget_deg": budget_deg, "labelled": learning}
+    result = {"bounds": rows, "budget_deg": budget_deg, "labelled": learning, "tumble": tumbles}
     write_atomically(directory / "bound.json", as_json(result))
     figure = bound_against_time(_curves(config), f"{config.imu.name}, {config.latitude:g}°")
     write_atomically(directory / "bound.png", png(figure))
@@ -204,6 +217,21 @@ def labelled(
     for row in rows:
         print(f"{row['labelled']:7.0f}   {row['floor_deg']:8.3f}")
     print(labelling.enough(floor))
+    return rows
+
+
+def tumbled(config: BoundConfig) -> list[dict[str, float]]:
+    """Print and return the expected errors, degrees, after a tumble through each number of poses,
+    and in other ways that take as long. Nothing where none is asked for."""
+    if not config.tumble:
+        return []
+    of_labels = Reference(
+        np.array([np.deg2rad(config.labelled_error_deg)]),
+        float(np.deg2rad(config.labelled_offset_deg)),
+    )
+    times = config.tumble_dwell_s, config.tumble_handling_s
+    rows = ways.ways(config.model, config.site, config.tumble, *times, of_labels)
+    print(ways.table(rows, *times))
     return rows
 
 

@@ -61,6 +61,9 @@ MAY_IMPORT = {
     "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report", "lbgc.verdict"},
     "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
     "lbgc.prospects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
+    "lbgc.labelling": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
+    "lbgc.own_unit": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
+    "lbgc.ways": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.labelling"},
     "sim": BASE | {"lbgc.sensor", "lbgc.data"},
 }
 ENTRY_POINTS = (
