@@ -22,6 +22,9 @@ from lbgc.sensor.imu import ImuModel
 
 _NOTHING = 0.6
 """Share of the circle that 95% of a heading's probability takes, above which it is not known."""
+_ANYWHERE = 2.0
+"""rad, width of a latitude's interval above which it is not known. Near a pole it is told, and
+headings are not."""
 _ROUNDS, _LEVEL = 5, 1e-4
 """Most times that the model is made anew, and the levels' change, rad, that ends it."""
 _LEAST_WEIGHT = 0.005
@@ -111,7 +114,11 @@ def answered(
     heading, sigma = found.mean_and_spread(of.count)
     notes = untold(of, imu, sigma)
     wide = bool((found.covered(of.count) > _NOTHING).all())
-    if wide:
+    latitude, interval = None, None
+    if about.torus.free:
+        latitude = float(found.weight @ found.theta[:, -1])
+        interval = _interval(found.theta[:, -1], found.weight)
+    if wide and (interval is None or interval[1] - interval[0] > _ANYWHERE):
         why = "; ".join(notes) or "this sensor's errors are too large for it"
         raise InputError("poses", of.count, "", f"tell no heading: {why}")
     nearest = about.distance(found.theta).argmin(axis=1)
@@ -129,10 +136,6 @@ def answered(
     bias = found.weight @ each
     off = each - bias
     covariance = own.bias_covariance + (found.weight[:, None] * off).T @ off
-    latitude, interval = None, None
-    if about.torus.free:
-        latitude = float(found.weight @ found.theta[:, -1])
-        interval = _interval(found.theta[:, -1], found.weight)
     return Tumbled(
         wrap(heading), sigma, rotation_z(heading) @ of.base, modes, bias, covariance,
         latitude, interval, (*notes, *(() if wide else _several(modes))),
