@@ -1,4 +1,4 @@
-"""The log doctor on a plate that turned: it finds the column of its angle, or asks; and a log's memory."""
+"""The log doctor on a plate that turned: it finds the angle's column, or asks; a log's memory."""
 
 import subprocess
 import sys

@@ -88,7 +88,7 @@ def _fit(
 
 def _task(name: Name, file: Path, dt: float, corners: tuple[float, float]) -> Fit:
     """Fit one axis, whose series is in a file, in a worker."""
-    series = np.ascontiguousarray(np.load(file, allow_pickle=False))
+    series = np.ascontiguousarray(np.load(file))
     file.unlink()
     return _fit(series, dt, corners, lambda what: _messages.put((name, what)))
 
