@@ -105,6 +105,7 @@ class Sheet:
                     kept.add(first, column)
                 bar.update(last - first)
                 first = last
+        tables.let_go()
         return [own[:first] for own in made], [own.until(first) for own in beside], notes
 
 

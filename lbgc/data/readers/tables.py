@@ -84,6 +84,11 @@ def read_parquet(path: Path, key: str) -> Columns:
         return Columns(path, key, names, opened.metadata.num_rows)
 
 
+def let_go() -> None:
+    """Give back the memory that Arrow keeps for what it may read next."""
+    pa.default_memory_pool().release_unused()
+
+
 def _is_text(kind: pa.DataType) -> bool:
     return bool(pa.types.is_string(kind) or pa.types.is_binary(kind))
 
