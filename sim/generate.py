@@ -28,12 +28,11 @@ from lbgc.outputs import fingerprint, mark_latest, remove_temporary, task_direct
 from lbgc.protocol import plan
 from lbgc.sensor.dither import check_means
 
-from . import cluster, demand
+from . import cluster, demand, held
 from .configuration import GenerateConfig
 from .physics import check_servo
 from .picture import try_picture
 from .recordings import Sensor, batches
-from .turntable import SceneConfig
 
 
 def main(config: GenerateConfig) -> Path | str:
@@ -42,8 +41,9 @@ def main(config: GenerateConfig) -> Path | str:
     latitude = float(np.deg2rad(config.latitude))
     planned = plan(config.protocol, 0, config.duration_s)
     check_servo(config.scene, planned)
+    held.check(config.scene, planned)
     if config.output == "means":
-        fastest = EARTH_RATE + max((move.rate for move in planned.moves), default=0.0)
+        fastest = EARTH_RATE + planned.fastest
         gravity = normal_gravity(latitude, config.height_m)
         for name, largest in (("gyro", fastest), ("accel", gravity)):
             triad = getattr(sensor, name)
@@ -60,19 +60,23 @@ def main(config: GenerateConfig) -> Path | str:
         _generate(config, place, layout)
     if place.local is None:
         return str(place)
-    _draw_beside(place, config.scene)
+    _draw_beside(place, config)
     if config.out is None:
         mark_latest(place.local.parent)
     return place.local
 
 
-def _draw_beside(place: Place, scene: SceneConfig) -> None:
+def _draw_beside(place: Place, config: GenerateConfig) -> None:
     """Put the scene's picture beside a local dataset, unless a whole one is there."""
     beside = picture.beside(place)
     if beside is None:
         return
     remove_temporary(beside.parent)
-    why_not = None if picture.read(beside) is not None else try_picture(beside, scene)
+    why_not = (
+        None
+        if picture.read(beside) is not None
+        else try_picture(beside, config.scene, config.protocol)
+    )
     if why_not is not None:
         print(f"no picture of the scene: {why_not}", file=sys.stderr)
 

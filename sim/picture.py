@@ -6,13 +6,14 @@ from pathlib import Path
 
 from lbgc.data import picture
 from lbgc.outputs import shown
+from lbgc.protocol import ProtocolConfig
 
 from .turntable import SceneConfig
 
 _LONGEST_S = 120
 
 
-def try_picture(out: Path, config: SceneConfig) -> str | None:
+def try_picture(out: Path, config: SceneConfig, protocol: ProtocolConfig) -> str | None:
     """Render the scene in a process of its own, so that a crash of the graphics driver costs only
     the picture.
 
@@ -21,6 +22,8 @@ def try_picture(out: Path, config: SceneConfig) -> str | None:
     scene = (sys.executable, "-P", "-m", f"{__package__}.scene")  # from no directory of the user's
     # The arms are the only part of a scene's configuration that a picture shows.
     command = [*scene, f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
+    if protocol.kind == "tumble":
+        command.append("protocol=tumble")
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
     except subprocess.TimeoutExpired:

@@ -9,6 +9,7 @@ from lbgc.errors import require, require_not_negative, require_positive
 
 from . import opengl
 from .disturbance import FloorConfig
+from .hand import HandConfig
 from .sway import JOINTS, SwayConfig
 
 opengl.settle()
@@ -63,6 +64,8 @@ class SceneConfig:
     """What moves the floor."""
     sway: SwayConfig = field(default_factory=SwayConfig)
     """The vehicle on which the bench stands, if it sways."""
+    hand: HandConfig = field(default_factory=HandConfig)
+    """With protocol=tumble, the hand that holds the IMU; there is no turntable then."""
 
     def __post_init__(self) -> None:
         for name in (

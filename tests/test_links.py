@@ -27,9 +27,8 @@ from lbgc.outputs import (
     task_directory,
     write_atomically,
 )
-from sim.generate import _draw_beside
+from sim.generate import GenerateConfig, _draw_beside
 from sim.render import ViewConfig, view
-from sim.turntable import SceneConfig
 
 SECRET = b"-----BEGIN OPENSSH PRIVATE KEY-----"
 OURS = ".lbgc-" + "0" * 32 + ".partial"
@@ -326,7 +325,7 @@ def test_a_pictures_place(tmp_path, monkeypatch):
 def test_a_damaged_picture_is_drawn_again(tmp_path, monkeypatch):
     drawn: list[Path] = []
 
-    def draw(out: Path, _: SceneConfig) -> None:
+    def draw(out: Path, *_: object) -> None:
         drawn.append(out)
         png(tmp_path / "new.png")
         (tmp_path / "new.png").replace(out)
@@ -337,10 +336,10 @@ def test_a_damaged_picture_is_drawn_again(tmp_path, monkeypatch):
         file.unlink(missing_ok=True)
         spoil()
         (tmp_path / OURS).write_text("half")
-        _draw_beside(place, SceneConfig())
+        _draw_beside(place, GenerateConfig())
         assert picture.read(file) is not None
         assert not (tmp_path / OURS).exists()
-    _draw_beside(place, SceneConfig())
+    _draw_beside(place, GenerateConfig())
     assert len(drawn) == 3
 
 
