@@ -14,7 +14,7 @@ from tqdm import tqdm
 from lbgc.commands import CONF, run_main
 from lbgc.data import curves, finished_fits, logs
 from lbgc.data.looking.auto import NoiseLog
-from lbgc.data.record import require_one_rate
+from lbgc.data.record import require_on_plate, require_one_rate
 from lbgc.data.static import AXES, PARTS, Static, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, build, require, require_not_negative, require_positive
@@ -345,6 +345,8 @@ def _read(config: FitConfig) -> Static:
         records = list(dataset.records(np.arange(min(len(dataset), 64))))
         session = dataset.label("session")[: len(records)]
         name, key = shown(dataset.path), "data"
+    for record in records:
+        require_on_plate(record)
     still = all(np.ptp(r.plate_angle) < 1e-4 for r in records)
     require(still, key, name, "has a plate that turns; noise is fitted to resting recordings")
     headings = [r.heading_reference for r in records]

@@ -123,6 +123,10 @@ class LogConfig:
     positions: list[list[float]] | None = None
     """Or the plate's positions, [[from_s, to_s, angle_deg], ...] in order of time, in seconds since
     the first sample; between them it turns."""
+    poses: list[list[float]] | None = None
+    """Or, of an IMU that was held at rest in several attitudes (estimator=tumble), when:
+    [[from_s, to_s], ...] in order of time, in seconds since the first sample, each with the forward
+    axis's reference heading, degrees, as a third figure where it is known; null: they are found."""
     angles_deg: list[float] | None = None
     """Or, where `path` names several files, the plate's angle in each, degrees."""
     gap_s: float | None = None
@@ -193,7 +197,7 @@ class LogConfig:
 
     def _require_plate(self) -> None:
         """Raise InputError unless the plate's angles are stated in one way, or not at all."""
-        keys = ("plate_column", "positions", "angles_deg")
+        keys = ("plate_column", "positions", "poses", "angles_deg")
         ways = [key for key in keys if getattr(self, key) is not None]
         about = f"and {ways[-1]} both state the plate's angles: give one" if ways else ""
         require(len(ways) < 2, ways[0] if ways else "", "given", about)
@@ -208,6 +212,18 @@ class LogConfig:
             about = "must be [from_s, to_s, angle_deg] each, in order of time, without overlap"
             require(good, "positions", own, about)
             last = own[1]
+        last, listed = 0.0, self.poses
+        about = "must name two or more, or be null"
+        require(listed is None or len(listed) > 1, "poses", listed, about)
+        for own in listed or []:
+            good = len(own) in (2, 3) and last <= own[0] < own[1]
+            good &= len(own) == len((listed or [own])[0])
+            about = "must be [from_s, to_s] each, in order of time, without overlap, or all of "
+            about += "them [from_s, to_s, heading_deg]"
+            require(good, "poses", own, about)
+            last = own[1]
+        about = "is one heading, and poses have one each: poses=[[from_s, to_s, heading_deg], ...]"
+        require(listed is None or self.heading_deg is None, "heading_deg", self.heading_deg, about)
         if self.gap_s is not None:
             require_not_negative(self, "gap_s")
             most = f"must be up to {_LONGEST_GAP_S:g}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from lbgc.data.checks import all_checks
 from lbgc.data.logconfig import LogConfig
-from lbgc.data.positions import at_positions, joined
+from lbgc.data.positions import at_positions, held, joined
 from lbgc.data.readers.axes import matrix_of
 from lbgc.data.readers.raw import READERS, Raw, columns, find, require_finite
 from lbgc.data.readers.repeats import sampled, without_printed_twice
@@ -26,13 +26,23 @@ _UNEVEN_DEG = 5.0
 plate."""
 
 
-def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> Iterator[Record]:
+def read(
+    config: LogConfig,
+    imu: ImuModel | None = None,
+    north: bool = True,
+    tumbles: bool = False,
+) -> Iterator[Record]:
     """Read a log's recordings and check them. Raises InputError where the log is refused.
 
     imu : the sensor's error model, where it is known; north : whether the heading is asked for.
     Where it is not (the noise is fitted, the sensor calibrated), faults that matter only to a
-    heading become notes.
+    heading become notes. tumbles : whether the IMU was held in several attitudes, without a plate,
+    as it is where `config.poses` lists them.
     """
+    tumbles = tumbles or config.poses is not None
+    for key in ("plate_column", "positions", "angles_deg") if tumbles else ():
+        about = "says how a plate turns; estimator=tumble is for an IMU in a hand, without one"
+        require(getattr(config, key) is None, f"log.{key}", getattr(config, key), about)
     if config.angles_deg is not None:
         records = [_of_files(config, imu)]
     else:
@@ -42,6 +52,8 @@ def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> 
             for raw in READERS[config.reader](find(file), replace(config, path=file))
             for record in _records(raw)
         ]
+    if tumbles:
+        records = [(held(record, own), own) for record, own in records]
     found = [all_checks.checked(record, own, imu, north) for record, own in records]
     yield from all_checks.together(_told_apart(found), config, north)
 
@@ -81,10 +93,11 @@ def _records(raw: Raw) -> Iterator[Record]:
     rows = np.empty((len(raw.gyro), 6))  # row by row, whatever the file's order is
     rows[:, :3], rows[:, 3:] = raw.gyro, raw.accel
     pieces = _within(clock, raw.config, raw.name)
-    if raw.config.positions is not None:
-        whole = pieces == [slice(0, len(rows))]
+    for key in ("positions", "poses"):
+        listed = getattr(raw.config, key)
+        whole = listed is None or pieces == [slice(0, len(rows))]
         about = f"is for {raw.name} from its first sample to its last, in one piece"
-        require(whole, "log.positions", raw.config.positions, about)
+        require(whole, f"log.{key}", listed, about)
     for number, piece in enumerate(pieces, start=1):
         name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
         values, rate, notes = sampled(name, rows[piece], clock.rate_hz, raw.config.repeats)
@@ -195,10 +208,11 @@ def _reference(raw: Raw, angle: np.ndarray) -> float | None:
 
 
 def _forces(raw: Raw, rate_hz: float) -> np.ndarray:
-    """Specific forces in m/s^2. The unit "auto" is g where their mean is below 3, else m/s2."""
+    """Specific forces in m/s^2. The unit "auto" is g where the median of their sizes is below 3,
+    else m/s2: their mean is small where the IMU is held in opposite attitudes."""
     values, unit = raw.accel * raw.config.accel_scale, raw.config.accel_unit
     if unit == "auto":
-        unit = "g" if np.linalg.norm(values.mean(axis=0)) < 3 else "m/s2"
+        unit = "g" if np.median(np.linalg.norm(values, axis=1)) < 3 else "m/s2"
     factor = force_factor(unit, rate_hz)
     if raw.gravity is not None and unit in _UNITS_OF_G:
         factor *= raw.gravity / STANDARD_GRAVITY

@@ -10,6 +10,20 @@ from lbgc.errors import InputError, require
 
 
 @dataclass(frozen=True)
+class Held:
+    """What is known of a recording of an IMU that was held at rest in several attitudes: all of it
+    may be unknown."""
+
+    attitude: np.ndarray | None = None
+    """(T, 3), rad, true roll, pitch and heading at each sample; None for a real log"""
+    poses: tuple[tuple[int, int], ...] = ()
+    """First sample of each stretch in which it was held, and the one behind its last, where the
+    user listed them"""
+    headings: tuple[float, ...] = ()
+    """rad, reference heading of the forward axis in each of these, where they are known"""
+
+
+@dataclass(frozen=True)
 class Record:
     """One recording of one IMU, and what is known of it.
 
@@ -41,6 +55,8 @@ class Record:
     """The sensor's name, where the log states it"""
     session: str | None = None
     """The power-up's name, likewise"""
+    held: Held | None = None
+    """Of an IMU that was held at rest in several attitudes; None where only a plate turned it"""
     notes: tuple[str, ...] = ()
     """Plain sentences that belong to the recording's results: how its clock was read, what of its
     frame could not be checked."""
@@ -55,9 +71,23 @@ class Record:
             require(got == (n,), f"{self.name}: temperature's shape", got, f"must be {(n,)}")
 
     @property
+    def has_reference(self) -> bool:
+        """Whether a reference says where it looked."""
+        headings = () if self.held is None else self.held.headings
+        return self.heading_reference is not None or len(headings) > 0
+
+    @property
     def duration_s(self) -> float:
         """The recording's duration, s."""
         return len(self.gyro) / self.rate_hz
+
+
+def require_on_plate(record: Record) -> None:
+    """Raise InputError where the recording is of an IMU that was held in several attitudes: whoever
+    takes it for a plate's would answer wrongly."""
+    about = "is one attitude after the other and not of a plate, and only estimator=tumble answers "
+    about += "that: python lbgc/evaluate.py estimator=tumble"
+    require(record.held is None, "recording", record.name, about)
 
 
 SAMPLED = ("gyro", "accel", "plate_angle")
