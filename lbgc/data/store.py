@@ -220,6 +220,13 @@ class Dataset:
         return said
 
     @property
+    def _tumbles(self) -> bool:
+        """Whether a hand held the IMU, as far as its configuration says."""
+        said: Any = self._group.attrs["configuration"]
+        protocol = said.get("protocol") if isinstance(said, Mapping) else None
+        return isinstance(protocol, Mapping) and protocol.get("kind") == "tumble"
+
+    @property
     def rate_hz(self) -> float:
         """Stored values a second: samples, or means."""
         return self.layout.rate_hz
@@ -330,7 +337,7 @@ class Dataset:
     def records(self, indices: np.ndarray) -> Iterator[Record]:
         """The recordings at these indices, ascending; a chunk is read once, and then let go."""
         labels = {n: self.label(n) for n in ("heading", "heading_reference", "latitude")}
-        held = self.configuration["protocol"]["kind"] == "tumble"
+        held = self._tumbles
         names = ("gyro", "accel", "plate_angle", *(("attitude",) if held else ()))
         ascending = np.sort(indices)
         ends = np.flatnonzero(np.diff(ascending // self.layout.chunk("gyro"))) + 1
