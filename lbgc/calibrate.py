@@ -11,6 +11,7 @@ Where the sensor is known, what is known of the unit is written as a file, which
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -83,11 +84,14 @@ class CalibrateConfig:
     """Length of the recordings behind `means`."""
     calibration: str | None = None
     """The unit's file as it was before these recordings, which it does not hold yet."""
-    now: str | None = None
-    """The power-up that is still on: what it adds is known likewise, until it is switched off."""
+    now: Any = None
+    """The name or number of the power-up that is still on: what it adds is known likewise, until it
+    is switched off."""
 
     def __post_init__(self) -> None:
         require_choice("split", self.split, SPLITS)
+        told = self.now is None or isinstance(self.now, str) or type(self.now) is int
+        require(told, "now", self.now, "must be a power-up's name or number")
         if self.reference_error_deg is not None:
             require_not_negative(self, "reference_error_deg")
         require_not_negative(self, "reference_offset_deg")
@@ -126,7 +130,8 @@ def main(config: CalibrateConfig) -> Path:
     if imu is not None:
         before = None if config.calibration is None else unit_file.load(config.calibration, imu)
         own = learned(
-            imu, given.rate_hz, labels, config.reference_offset_deg * DEG, config.split, config.now,
+            imu, given.rate_hz, labels, config.reference_offset_deg * DEG, config.split,
+            None if config.now is None else str(config.now),
             before,
         )  # fmt: skip
         for line in own_unit.report(own):

@@ -31,7 +31,15 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import warnings
 from lbgc.sensor.errors import LIFETIMES
 from lbgc.sensor.imu import ImuModel
-from lbgc.subjects import Measured, batches, heading_of, of_dataset, of_log, of_unit
+from lbgc.subjects import (
+    Measured,
+    batches,
+    heading_of,
+    of_dataset,
+    of_log,
+    of_unit,
+    require_of_unit,
+)
 from lbgc.verdict import Verdict, reached
 
 if TYPE_CHECKING:
@@ -168,7 +176,10 @@ def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], in
     if config.calibration is None:
         return found
     sensor = config.imu or build(ImuConfig, (found[0].configuration or {})["imu"])
-    return of_unit(*found, unit_file.load(config.calibration, sensor))
+    unit, said = unit_file.load(config.calibration, sensor), config.data or config.log
+    assert said is not None
+    require_of_unit(unit, said, config.split)
+    return of_unit(*found, unit)
 
 
 def _verdict(config: EvaluateConfig, subject: Subject) -> tuple[list[Verdict], list[str]]:

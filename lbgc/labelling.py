@@ -1,6 +1,6 @@
 """What labelled recordings of one unit would buy, before any is made."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,29 +13,8 @@ from lbgc.sensor.imu import ImuModel
 MOST = 1000
 """More labelled recordings than anybody makes, which stand for any number of them."""
 _LADDER = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    8,
-    10,
-    12,
-    15,
-    20,
-    25,
-    30,
-    40,
-    50,
-    70,
-    100,
-    150,
-    200,
-    300,
-    500,
-    MOST,
+    *(0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30),
+    *(40, 50, 70, 100, 150, 200, 300, 500, MOST),
 )
 _NEAR = 1.05
 """The error over that after any number of recordings, at which there are enough."""
@@ -77,13 +56,10 @@ def enough(floor: Callable[[int], float]) -> str:
             f"labelled recordings buy nothing here: {np.rad2deg(none):.3g} deg without, "
             f"{np.rad2deg(any_number):.3g} after any number of them"
         )
-    count, size = next((k, size) for k, size in _rungs(floor) if size <= _NEAR * any_number)
+    most = _NEAR * any_number
+    count, size = next((k, size) for k in _LADDER if (size := floor(k)) <= most)
     return (
         f"{count} labelled recording{'s' * (count != 1)}: {np.rad2deg(none):.3g} deg becomes "
         f"{np.rad2deg(size):.3g}, within {_NEAR - 1:.0%} of the {np.rad2deg(any_number):.3g} "
         "after any number of them"
     )
-
-
-def _rungs(floor: Callable[[int], float]) -> Iterable[tuple[int, float]]:
-    return ((k, floor(k)) for k in _LADDER)

@@ -2,7 +2,7 @@
 of it."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from lbgc.data.record import Record, block_means
 from lbgc.data.unit_file import CalibratedUnit
 from lbgc.data.windows import Windows, cut, joined
 from lbgc.earth import normal_gravity
+from lbgc.errors import require
 from lbgc.estimators.block_means import MOST_BLOCKS, Course, Site
 from lbgc.estimators.floor import expected_floor
 from lbgc.estimators.information import information
@@ -29,6 +30,7 @@ from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import LIFETIMES
 from lbgc.sensor.imu import ImuModel
 from lbgc.sensor.known import Known
+from lbgc.sensor.unit import lasting
 from lbgc.units import DEG, HOUR
 
 SPLITS = ("estimated", "stated")
@@ -109,17 +111,26 @@ def learned(
     """Learn a unit of this sensor by its labelled recordings.
 
     offset : rad, 1 sigma of the headings' constant offset; split : see `CalibrateConfig.split`;
-    now : the power-up that is still on; before : what was known of it already.
+    now : the power-up that is still on; before : what was known of it already, of which that of a
+    power-up is not taken over. Raises InputError where `now` is none of these recordings', or where
+    `before` holds recordings of a power-up that these are from too: they share its errors.
     """
-    prior = imu.model(rate_hz)
+    prior, session = imu.model(rate_hz), labels.session
+    powered = list(dict.fromkeys(session.tolist()))
+    require(now is None or now in powered, "now", now, powered)
     if before is not None:
+        again = [own or "(unnamed)" for own in powered if own in before.sessions]
+        about = "are of power-ups of which the file has recordings already: calibrate by all, "
+        about += "or name the power-ups (log.session, or a column session)"
+        require(not again, "calibration", ", ".join(again), about)
+        before = replace(before, known=lasting(prior, before.known), now=None)
         prior = before.told(prior)
     estimated = split == "estimated" and before is None and bool(prior.gyro.bias().any())
     base = undivided(prior) if estimated else prior
     windows = labels.alike()
     if before is not None:
         windows = [_without(own, imu.model(rate_hz), before.known) for own in windows]
-    heading, session = np.array(labels.heading), labels.session
+    heading = np.array(labels.heading)
     told = evidence(base, windows, heading, Reference(np.array(labels.errors), offset))
     found = posterior(base, told, session, now, simplex() if estimated else None)
     old = () if before is None else before.sessions
@@ -132,7 +143,7 @@ def learned(
         (unit, power, run),
         found.known,
         len(heading) + (0 if before is None else before.recordings),
-        tuple(dict.fromkeys([*old, *session.tolist()])),
+        (*old, *powered),
         now,
     )
     said = verdict(base, told, session) if estimated else None
@@ -198,6 +209,8 @@ def report(found: Learned) -> list[str]:
     )
     if found.verdict is not None:
         lines += _of_split(found, count)
+    else:
+        lines.append("how its bias splits is taken as stated, by the sensor or the file before")
     return lines
 
 

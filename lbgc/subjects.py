@@ -124,6 +124,23 @@ def of_dataset(
     return subject, measured, len(indices)
 
 
+def require_of_unit(unit: CalibratedUnit, said: str | logs.LogConfig, split: str) -> None:
+    """Raise InputError where recordings, of a dataset's split or of a log, are of several units, or
+    not of the power-up whose own errors are known."""
+    if isinstance(said, str):
+        dataset = Dataset.open_finished(said)
+        rows = dataset.in_split(split)
+        count = len(np.unique(dataset.label("unit")[rows]))
+        require(count == 1, "data", said, f"has {count} units, and a calibration is of one")
+        sessions = {str(own) for own in dataset.label("session")[rows]}
+    else:
+        sessions = {said.session or "(unnamed)"}
+    others = sorted(sessions - {unit.now}) if unit.now is not None else []
+    about = f"is the power-up that it knows, and the recordings are of {shown(', '.join(others))}: "
+    about += "calibrate without now, or say log.session"
+    require(not others, "calibration", unit.now, about)
+
+
 def of_unit(
     subject: Subject, records: Iterator[Measured], count: int, unit: CalibratedUnit
 ) -> tuple[Subject, Iterator[Measured], int]:

@@ -10,10 +10,12 @@ from floor_cases import STATIC, Case
 from test_evaluate import results
 
 from lbgc import labelling
+from lbgc.earth import EARTH_RATE
 from lbgc.estimators.block_means import Course, Site
 from lbgc.estimators.floor import small_errors
 from lbgc.estimators.information import information
 from lbgc.estimators.unit_posterior import Reference
+from lbgc.frames import rotation_z
 from lbgc.units import DEG, HOUR
 
 BIAS = ("imu.gyro.bias_unit_deg_per_h=1.5", "imu.gyro.bias_session_deg_per_h=0.3",
@@ -54,23 +56,61 @@ def test_labelled_recordings_make_north_better(cli, of_one_unit, tmp_path):
     assert "what is left of the unit" in bound.out
 
 
-def test_an_update_goes_on_from_the_file(cli, of_one_unit):
-    """By the split that the first recordings were given, one file by all recordings, and one that
-    is updated, know the same."""
-    whole = cli("lbgc.calibrate", "data=asked.zarr", "split=stated")
-    first = cli("lbgc.calibrate", "data=labelled.zarr", "split=stated")
-    both = cli("lbgc.calibrate", "data=asked.zarr", "split=stated",
-               f"calibration={Path(first.last_line).with_name('unit.json')}")  # fmt: skip
-    assert both.code == 0, both.err
-    assert "by 52 labelled recordings of 40 power-ups" in both.out
-    one, two, three = (
-        json.loads(Path(own.last_line).with_name("unit.json").read_text())
-        for own in (whole, first, both)
-    )
-    precision = [np.linalg.inv(np.array(own["covariance"])[:3, :3]) for own in (one, two, three)]
-    prior = np.eye(3) / (1.5 * DEG / HOUR) ** 2
-    joint = precision[0] + precision[1] - prior
-    assert np.allclose(precision[2] / joint[0, 0], joint / joint[0, 0], atol=0.03)
+def means(path: Path, sessions: range) -> str:
+    """Means of three recordings of each of these power-ups, of a unit with biases."""
+    rng = np.random.default_rng(sessions.start)
+    rows = []
+    for session in sessions:
+        own = 0.3 * rng.standard_normal(3)
+        for heading in rng.uniform(0, 360, 3):
+            earth = EARTH_RATE * np.array([np.cos(0.6), 0.0, -np.sin(0.6)])
+            truth = earth @ rotation_z(heading * DEG) / DEG
+            error = np.array([1.2, -0.8, 0.5]) + own + 0.2 * rng.standard_normal(3)
+            rows.append([heading, *(truth + error / 3600), session])
+    head = "heading_deg,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s,session"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.12g")
+    return str(path)
+
+
+def test_an_update_is_what_all_recordings_at_once_give(cli, tmp_path):
+    """By a split that is stated: what two files tell one after the other, and both in one."""
+    base = ("imu=sdc500", "latitude=34.37746770784939", "mean_s=240", "split=stated")
+    imu = ("imu.gyro.bias_unit_deg_per_h=1.5", "imu.gyro.bias_session_deg_per_h=0.3",
+           "imu.gyro.bias_run_deg_per_h=0.2")  # fmt: skip
+    found = {}
+    for name, sessions in (("first", range(4)), ("second", range(4, 9))):
+        means(tmp_path / f"{name}.csv", sessions)
+    both = [(tmp_path / f"{name}.csv").read_text().splitlines() for name in ("first", "second")]
+    (tmp_path / "all.csv").write_text("\n".join([*both[0], *both[1][1:]]) + "\n")
+    for name, more in (("first", ()), ("second", ("first",)), ("all", ())):
+        old = [f"calibration={found[own]}" for own in more]
+        done = cli("lbgc.calibrate", f"means={name}.csv", *base, *imu, *old)
+        assert done.code == 0, done.err
+        found[name] = Path(done.last_line).with_name("unit.json").rename(tmp_path / f"{name}.json")
+    one, two = (json.loads(found[name].read_text()) for name in ("second", "all"))
+    assert (one["recordings"], one["sessions"]) == (two["recordings"], two["sessions"])
+    order = [two["coefficients"].index(own) for own in one["coefficients"]]
+    sigma = np.sqrt(np.diag(two["covariance"]))[order]
+    off = np.array(one["mean"]) - np.array(two["mean"])[order]
+    assert np.abs(off / sigma).max() < 0.02  # linear about another mean
+    whole = np.array(two["covariance"])[np.ix_(order, order)]
+    assert np.abs((np.array(one["covariance"]) - whole) / sigma / sigma[:, None]).max() < 0.01
+    again = cli("lbgc.calibrate", "means=first.csv", *base, *imu, f"calibration={found['second']}")
+    assert again.code == 2
+    assert "of which the file has recordings already" in again.err
+
+
+def test_a_power_up_that_is_known_is_not_another(cli, of_one_unit):
+    """Errors of a power-up are known until it is switched off."""
+    refused = cli("lbgc.calibrate", "data=labelled.zarr", "now=noon")
+    assert refused.code == 2
+    assert "now = noon" in refused.err
+    done = cli("lbgc.calibrate", "data=labelled.zarr", "now=2")
+    assert "of power-up 2" in done.out
+    path = f"calibration={Path(done.last_line).with_name('unit.json')}"
+    other = cli("lbgc.evaluate", "data=asked.zarr", path)
+    assert other.code == 2
+    assert "is the power-up that it knows" in other.err
 
 
 def test_a_file_that_is_not_this_units_is_refused(cli, of_one_unit):

@@ -17,6 +17,6 @@ class Poses:
     latitude: float | None
     """rad; None where it is not known"""
     rests: tuple[tuple[int, int], ...]
-    """Of each pose its first sample and the one after its last"""
+    """The first sample of each pose, and the one after its last"""
     integrated: bool
     """Whether the log is unbroken, so that its gyros tell the turns between the poses"""

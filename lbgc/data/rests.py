@@ -41,8 +41,8 @@ class Rest:
         )
 
     def level_of(self, record: Record) -> Record:
-        """The same in the axes that the body has where the plate's angle is zero, which is level
-        there. About down they are as good as the body's."""
+        """The recording in the axes that the body has where the plate's angle is zero, where it is
+        level. About down they are as good as the body's."""
         own = self.of(record)
         if record.axis == DOWN:
             return own

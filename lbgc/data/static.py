@@ -60,7 +60,7 @@ class Static:
         return first.shape[0], first.shape[1]
 
     def with_triads(self, values: Mapping[str, np.ndarray]) -> "Static":
-        """The same recordings with other samples."""
+        """These recordings with other samples."""
         return replace(self, gyro=values.get("gyro"), accel=values.get("accel"))
 
 

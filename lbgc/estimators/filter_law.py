@@ -68,7 +68,7 @@ class Law:
         yield from self._turned(k, slice(0, 2))
 
     def of_accel(self, k: int) -> Iterator[tuple[slice, np.ndarray | float]]:
-        """The same of the accelerometers' errors."""
+        """The states that add to the accelerometers' errors in step k, likewise."""
         yield from ((BA, 1.0), (WA, 1.0))
         yield from self._turned(k, slice(2, 4))
 

@@ -35,7 +35,7 @@ class Layout:
     interval: float
     """s, of a fine block"""
     rests: tuple[tuple[int, int], ...]
-    """Of each of P poses its first fine block and the one after its last"""
+    """The first fine block of each of P poses, and the one after its last"""
 
     @property
     def count(self) -> int:
@@ -48,7 +48,7 @@ class Layout:
         return self.count * self.interval
 
     def parts(self) -> list[np.ndarray]:
-        """Of each pose the edges of its parts, in fine blocks."""
+        """The edges of each pose's parts, in fine blocks."""
         most = max(4, _PARTS // len(self.rests))
         return [
             np.linspace(first, last, min(last - first, most) + 1).round().astype(int)
@@ -108,7 +108,7 @@ class SensorErrors:
 
     @classmethod
     def of(cls, values: np.ndarray) -> "SensorErrors":
-        """Of all of them in one row, (ERRORS,), in the order above."""
+        """The errors that one row has, (ERRORS,), in the order above."""
         parts = np.split(values, [3, 12, 21, 24])
         return cls(*(own if len(own) == 3 else own.reshape(3, 3) for own in parts))
 
@@ -197,8 +197,8 @@ def held(poses: Poses, imu: ImuModel) -> Held:
 
 
 def anew(of: Held, imu: ImuModel, base: np.ndarray, known: SensorErrors) -> Held:
-    """The same poses with other levels, base (P, 3, 3), and turns that the gyros tell without the
-    errors that are known by now: turns are linear in small errors alone."""
+    """Poses with other levels, base (P, 3, 3), and with turns that the gyros tell without what is
+    known of their errors by now: turns are linear in small errors alone."""
     log = of.log
     if log is None or not log.integrated:
         return replace(of, base=base)

@@ -33,6 +33,14 @@ def _triads(imu: ImuModel) -> Iterator[tuple[str, Triad]]:
     return zip(TRIADS, (imu.gyro, imu.accel), strict=True)
 
 
+def lasting(imu: ImuModel, known: Known) -> Known:
+    """What is known of the unit alone, without any power-up's own errors."""
+    own = coefficients(imu, "unit")
+    kept = [k for k, c in enumerate(known.coefficients) if c in own]
+    which = tuple(known.coefficients[k] for k in kept)
+    return Known(which, known.mean[kept], known.covariance[np.ix_(kept, kept)])
+
+
 def told(imu: ImuModel, known: Known) -> ImuModel:
     """The sensor's model when this is known, and the means are taken off what it prints."""
     left = dict(zip(known.coefficients, known.sigma.tolist(), strict=True))
