@@ -174,6 +174,11 @@ def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], in
         assert config.data is not None
         found = of_dataset(config.data, config.split, config.against, config.known, config.imu)
     if config.calibration is None:
+        if (found[0].configuration or {}).get("calibration") is not None:
+            found[0].notes.append(
+                "its units were drawn from what a calibration tells of one; estimators are told "
+                "the sensor's law alone, unless they are given it too (calibration=FILE)"
+            )
         return found
     sensor = config.imu or build(ImuConfig, (found[0].configuration or {})["imu"])
     unit, said = unit_file.load(config.calibration, sensor), config.data or config.log

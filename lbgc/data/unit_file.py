@@ -12,7 +12,7 @@ from lbgc.errors import InputError, reading, require
 from lbgc.outputs import as_json, fingerprint, read_file, shown, write_atomically
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import LIFETIMES, Triple
-from lbgc.sensor.imu import ImuModel
+from lbgc.sensor.imu import ImuModel, Triad
 from lbgc.sensor.known import Coefficient, Known
 from lbgc.sensor.unit import coefficients, told
 
@@ -44,11 +44,24 @@ class CalibratedUnit:
 
     def told(self, imu: ImuModel) -> ImuModel:
         """The sensor's model when this is known, and its means are taken off."""
-        sizes = dict(zip(LIFETIMES, self.bias, strict=True))
-        return told(replace(imu, gyro=imu.gyro.with_bias(**sizes)), self.known)
+        return told(replace(imu, gyro=self.with_bias(imu.gyro)), self.known)
+
+    def with_bias(self, gyro: Triad) -> Triad:
+        """The gyros with biases of the sizes that the unit was found to have."""
+        return gyro.with_bias(**dict(zip(LIFETIMES, self.bias, strict=True)))
+
+    @property
+    def checksum(self) -> str:
+        """The SHA-256 of all that its file says, by which datasets and models name it."""
+        return _checksum(self._said())
 
     def save(self, path: Path) -> None:
         """Write the file."""
+        written = self._said()
+        write_atomically(path, as_json(written | {"sha256": _checksum(written)}, indent=1) + "\n")
+
+    def _said(self) -> dict[str, Any]:
+        """What its file says, but for the checksum."""
         said = {"format": _FORMAT, **asdict(replace(self, known=None))}  # type: ignore[arg-type]
         said |= {
             "coefficients": [[c.triad, c.error, c.i, c.j] for c in self.known.coefficients],
@@ -56,8 +69,8 @@ class CalibratedUnit:
             "covariance": self.known.covariance,
         }
         del said["known"]
-        written = json.loads(as_json(said))
-        write_atomically(path, as_json(written | {"sha256": _checksum(written)}, indent=1) + "\n")
+        said = json.loads(as_json(said))
+        return dict(said)
 
 
 def load(path: str, imu: ImuConfig) -> CalibratedUnit:
