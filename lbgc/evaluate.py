@@ -217,9 +217,11 @@ def _setting(config: EvaluateConfig, subject: Subject) -> "Setting":
 
     said = subject.configuration
     if said is None:
-        return Setting(config.imu, records=list(subject.records()))
-    units = int(said["unit_seed"]), int(said["units"])
-    return Setting(build(ImuConfig, said["imu"]), said["protocol"]["name"], units)
+        records = list(subject.records())
+        return Setting(config.imu, records=records, calibration=subject.calibration)
+    units, own = (int(said["unit_seed"]), int(said["units"])), build(ImuConfig, said["imu"])
+    protocol = said["protocol"]["name"]
+    return Setting(own, protocol, units, calibration=subject.calibration)
 
 
 def _pretrained(imu: ImuConfig | None, notes: list[str]) -> "list[Trained]":

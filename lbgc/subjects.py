@@ -166,6 +166,7 @@ def of_unit(
         subject,
         notes=[*subject.notes, note],
         imu=unit.told(law),
+        calibration=unit.checksum,
         records=lambda: [off(record) for record in plain()],
     )
     return own, (replace(each, record=off(each.record)) for each in records), count

@@ -105,3 +105,41 @@ def test_estimators_that_are_told_the_unit_hold_on_it(cli, tmp_path):
         assert abs(row["mean_normalised_squared_error"] - 1) < 4.5 * np.sqrt(2 / 400)
         assert row["rmse_deg"] == pytest.approx(floor["floor_deg"], rel=4.5 / np.sqrt(2 * 400))
         assert row["rmse_deg"] < 0.6 * before[name]["rmse_deg"]
+
+
+QUICK = ("experiment=residual", "windows_s=[240]", "steps=4", "validate_every=2", "batch=8",
+         "tempering=200", "seed=3")  # fmt: skip
+
+
+@pytest.mark.parametrize("stream", [True, False])
+def test_a_network_for_one_unit(stream, cli, tmp_path):
+    """Means are taken off what it learns from, its base is told what is left, and it answers this
+    unit alone. So little trained it is its base, within a tenth of the base's error; its stated
+    sigma, tempered on 200 windows and held against 100, is within 4.5 sampling errors."""
+    assert cli("sim.generate", *STILL, *BIAS, "sessions=4", "recordings=12", "out=a.zarr").code == 0
+    unit = Path(cli("lbgc.calibrate", "data=a.zarr").last_line).with_name("unit.json")
+    told = f"calibration={unit}"
+    many = ("units=300", "recordings=300", "split_by=unit", "seed=9", "out=mine.zarr")
+    kind = ("protocol=static", "output=means", "duration_s=240", "split=[1,1,1]")
+    assert cli("sim.generate", *kind, *BIAS, told, *many).code == 0
+    ask = ("data=mine.zarr", "windows_s=[240]", "estimators=[gls]")
+    trained = cli("lbgc.train", "data=mine.zarr", told, *QUICK, f"stream={str(stream).lower()}")
+    assert trained.code == 0, trained.err
+    assert "told what is known of this unit can do better than" in trained.out
+    run = f"run={trained.last_line}"
+    own = {
+        row["estimator"]: row
+        for row in results(cli("lbgc.evaluate", *ask, run, told), tmp_path)["rows"]
+    }
+    net, gls = own["residual"], own["gls"]
+    assert net["rmse_deg"] == pytest.approx(gls["rmse_deg"], rel=0.1)
+    assert abs(net["mean_normalised_squared_error"] - 1) < 4.5 * np.sqrt(2 / 100 + 2 / 200)
+    without = cli("lbgc.evaluate", *ask, run)
+    assert "is not its: it was trained with that of checksum" in without.out + without.err
+    plain = cli("lbgc.train", "data=mine.zarr", *QUICK, f"stream={str(stream).lower()}")
+    if stream:
+        assert plain.code == 2
+        assert "must be the one from which this dataset was simulated" in plain.err
+    else:
+        asked = cli("lbgc.evaluate", *ask, told, f"run={plain.last_line}")
+        assert "it was trained without one" in asked.out + asked.err
