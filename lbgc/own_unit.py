@@ -15,16 +15,20 @@ from lbgc.errors import require
 from lbgc.estimators.block_means import MOST_BLOCKS, Course, Site
 from lbgc.estimators.floor import expected_floor
 from lbgc.estimators.information import information
+from lbgc.estimators.static import gls
 from lbgc.estimators.unit_posterior import (
+    Evidence,
     Posterior,
     Reference,
     UnitVerdict,
+    constantless,
     evidence,
     posterior,
     simplex,
     undivided,
     verdict,
 )
+from lbgc.frames import wrap
 from lbgc.outputs import fingerprint
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import LIFETIMES
@@ -97,6 +101,30 @@ class Learned:
     """Whether it shows a constant; None where the split of the bias is stated"""
     sigma: tuple[float, float]
     """rad, the expected error of a heading from one more recording like these, before and now"""
+    foretold: "Foretold | None" = None
+    """What a constant is worth for headings; None where the split of the bias is stated"""
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """Headings of recordings by what the others tell of the unit, with a constant and without."""
+
+    rmse: tuple[float, float]
+    """rad, with a constant and without"""
+    gains: np.ndarray
+    """Of each power-up (of each recording, where there is one power-up): the mean logarithm of the
+    headings' probability density with a constant, less that without"""
+
+    @property
+    def gain(self) -> float:
+        """The mean of the gains."""
+        return float(self.gains.mean())
+
+    @property
+    def gain_sigma(self) -> float:
+        """Its standard error; infinite of one."""
+        n = len(self.gains)
+        return float(self.gains.std(ddof=1) / np.sqrt(n)) if n > 1 else float("inf")
 
 
 def learned(
@@ -147,9 +175,46 @@ def learned(
         now,
     )
     said = verdict(base, told, session) if estimated else None
+    others = None
+    if estimated and len(heading) > 1:
+        others = _foretold(base, told, session, windows, labels, offset)
     last = windows[-1]
     sizes = tuple(_expected(model, last) for model in (prior, own.told(imu.model(rate_hz))))
-    return Learned(own, found, prior, said, (sizes[0], sizes[1]))
+    return Learned(own, found, prior, said, (sizes[0], sizes[1]), others)
+
+
+def _foretold(
+    base: ImuModel,
+    told: Evidence,
+    session: np.ndarray,
+    windows: list[Windows],
+    labels: Labels,
+    offset: float,
+) -> Foretold:
+    """Each power-up's headings by what the others tell; each recording's by what the others of its
+    power-up do, where there is one. base : undivided, as `told` was made with it."""
+    rows = [own.rows(slice(k, k + 1)) for own in windows for k in range(len(own))]
+    powered = np.unique(session)
+    one = len(powered) == 1
+    now = powered[0] if one else None
+    groups = [[k] for k in range(len(rows))]
+    if not one:
+        groups = [np.flatnonzero(session == label).tolist() for label in powered]
+    errors, scores = np.empty((2, len(rows))), np.empty((2, len(rows)))
+    for group in groups:
+        kept = np.setdiff1d(np.arange(len(rows)), group)
+        others = replace(told, h=told.h[kept], J=told.J[kept])
+        for way, shares in enumerate((simplex(), constantless(session))):
+            found = posterior(base, others, session[kept], now, shares)
+            for k in group:
+                answer = gls(_without(rows[k], base, found.known), found.imu, checked=False)
+                off = float(wrap(answer.heading[0] - labels.heading[k]))
+                variance = float(answer.sigma[0]) ** 2 + labels.errors[k] ** 2 + offset**2
+                errors[way, k] = off
+                scores[way, k] = -off * off / (2 * variance) - np.log(variance) / 2
+    gains = np.array([(scores[0] - scores[1])[group].mean() for group in groups])
+    with_it, without = np.sqrt(np.mean(errors**2, axis=1)).tolist()
+    return Foretold((with_it, without), gains)
 
 
 def _three(values: np.ndarray) -> tuple[float, float, float]:
@@ -227,7 +292,8 @@ def _of_split(found: Learned, sessions: int) -> list[str]:
     if sessions < 2:
         lines.append("one power-up: a unit's constant and this power-up's cannot be told apart")
     factor = found.verdict.log_bayes_factor / np.log(10)
-    said = f"log10 of the Bayes factor of a constant of this unit against none: {factor:+.2f}"
+    whose = "this unit" if sessions > 1 else "this unit or its power-up"
+    said = f"log10 of the Bayes factor of a constant of {whose} against none: {factor:+.2f}"
     if len(found.verdict.gains) > 1:
         gain, sigma = found.verdict.gain, found.verdict.gain_sigma
         said += (
@@ -235,9 +301,27 @@ def _of_split(found: Learned, sessions: int) -> list[str]:
             f"{sigma:.2f}) a power-up"
         )
     lines.append(said)
+    if found.foretold is not None:
+        lines.append(_of_headings(found.foretold, sessions))
     if factor < 0:
-        lines.append("these recordings show no constant of this unit; expect no gain")
+        lines.append(f"these recordings show no constant of {whose}; expect no gain")
+    elif found.foretold is not None and found.foretold.gain < 0:
+        lines.append(
+            "whatever constant these recordings show, it makes no heading better; expect no gain"
+        )
     return lines
+
+
+def _of_headings(found: Foretold, sessions: int) -> str:
+    """What a constant is worth for headings, in a sentence."""
+    with_it, without = np.rad2deg(found.rmse)
+    whose = "each power-up's headings by what the others tell"
+    if sessions < 2:
+        whose = "each heading by what the power-up's other recordings tell"
+    return (
+        f"{whose}: {with_it:.3g} deg RMS with a constant, {without:.3g} without; log predictive "
+        f"score {found.gain:+.3f} (standard error {found.gain_sigma:.3f}) a heading"
+    )
 
 
 def _interval(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:

@@ -283,9 +283,20 @@ def simplex(fineness: int = _FINENESS) -> np.ndarray:
     return np.column_stack([two, 1 - two.sum(axis=1)])
 
 
+def constantless(session: np.ndarray) -> np.ndarray:
+    """Shares, (S, 3), of a bias of which nothing lasts through all recordings: a unit keeps none,
+    and where they are of one power-up it adds none either, which looks the same. session : (R,),
+    the power-up of each."""
+    if len(np.unique(session)) == 1:
+        return np.array([[0.0, 0.0, 1.0]])
+    middles = (np.arange(_FINENESS) + 0.5) / _FINENESS
+    return np.column_stack([0 * middles, middles, 1 - middles])
+
+
 @dataclass(frozen=True)
 class UnitVerdict:
-    """Whether recordings show a constant of their unit: a part of the gyros' bias that it keeps."""
+    """Whether recordings show a constant of their unit: a part of the gyros' bias that it keeps, or
+    that their power-up adds where they are of one."""
 
     log_bayes_factor: float
     """Of a constant against none, natural logarithm; the shares of what is left uniform"""
@@ -308,9 +319,7 @@ class UnitVerdict:
 def verdict(imu: ImuModel, told: Evidence, session: np.ndarray) -> UnitVerdict:
     """Whether recordings show a constant of their unit. imu : undivided, as `told` was made with
     it; session : (R,), the power-up of each."""
-    with_it = simplex()
-    middles = (np.arange(_FINENESS) + 0.5) / _FINENESS
-    without = np.column_stack([0 * middles, middles, 1 - middles])
+    with_it, without = simplex(), constantless(session)
 
     def factor(kept: np.ndarray) -> float:
         own = replace(told, h=told.h[kept], J=told.J[kept])

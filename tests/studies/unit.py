@@ -8,7 +8,7 @@
    k + 1 recordings (tests/unit_floor.py).
 2. The same where nobody knows how the bias splits: splits are drawn from their prior, the file's
    posterior is over them, and floor(k) is the mixture over them.
-3. The published means of one SDC500 unit: the verdict, and headings with and without the constant.
+3. The published means of one SDC500 unit: the verdict, and headings with a constant and without.
 """
 
 import tempfile
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from common import Report, cases
-from helpers import REAL_LOGS, default_config
+from helpers import REAL_LOGS, composed, default_config
 from matplotlib.figure import Figure
 from scoring import Scores
 from tqdm import tqdm
@@ -47,6 +47,7 @@ from lbgc.estimators.unit_posterior import (
 )
 from lbgc.frames import wrap
 from lbgc.outputs import fingerprint, write_atomically
+from lbgc.own_unit import learned, report
 from lbgc.report.figures import png
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import LIFETIMES
@@ -266,8 +267,12 @@ def published(study: Report) -> None:
     if not MEANS.exists():
         study.line("the published means are not here")
         return
-    config = calibrate.CalibrateConfig(str(MEANS), 32.76)
-    given, _ = calibrate._read(config, calibrate.Labels())
+    config = composed(
+        calibrate.CalibrateConfig, "calibrate", f"means={MEANS}", "latitude=32.76", "imu=sdc500",
+        f"mean_s={CASES['published_mean_s']}",
+    )  # fmt: skip
+    labels = calibrate.Labels()
+    given, _ = calibrate._read(config, labels)
     found = calibrate.calibrate(given.means.rates, given.means.heading, given.means.latitude)
     study.line()
     plain, without = np.rad2deg([found.heading_rmse, found.without_bias.heading_rmse])
@@ -275,6 +280,23 @@ def published(study: Report) -> None:
         f"published means, {found.recordings} recordings: heading RMSE {plain:.3f} deg as they "
         f"are, {without:.3f} with the others' mean error taken off"
     )
+    for name, sessions in (
+        ("one_power_up", [None] * found.recordings),
+        ("each_its_own", [str(k) for k in range(found.recordings)]),
+    ):
+        own = learned(
+            config.imu, given.rate_hz, replace(labels, sessions=sessions), 0.0, "estimated", None
+        )
+        study.line(f"taken as {name.replace('_', ' ')}:")
+        for line in report(own):
+            study.line(f"  {line}")
+        assert own.verdict is not None
+        assert own.foretold is not None
+        study.summary |= {
+            f"published_{name}_log10_bayes_factor": own.verdict.log_bayes_factor / np.log(10),
+            f"published_{name}_rmse_deg": np.rad2deg(own.foretold.rmse).tolist(),
+            f"published_{name}_score": [own.foretold.gain, own.foretold.gain_sigma],
+        }
 
 
 def main() -> None:
