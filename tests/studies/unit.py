@@ -262,6 +262,34 @@ def unknown_split(study: Report, home: Path) -> None:
         study.summary[f"unknown_split_nse_{k}"] = a.nse
 
 
+def fixed_split(study: Report, home: Path) -> None:
+    """Splits that are what they are, and not told: the stated sigmas hold on average over the
+    prior, and not for each of them."""
+    case, cells = CASES["unknown"], simplex()
+    study.line()
+    study.line("the same at fixed shares that a unit keeps, the rest a recording's: NSE")
+    found: dict[tuple[float, int], float] = {}
+    most = max(case["labelled"])
+    for share in CASES["shares"]:
+        split = biases(CASES["bias_deg_per_h"], (share, 0.0, 1 - share))
+        options = ("protocol=static", f"sessions={most + 1}", f"seed={CASES['seed'] + 100}")
+        data = generated(home, f"fixed {share:g}", case["fixed_units"], most, *options, *split)
+        base = undivided(data.imu)
+        ours: dict[int, list[tuple[float, float]]] = {k: [] for k in case["labelled"]}
+        for unit in tqdm(range(case["fixed_units"]), f"share {share:g}", leave=False):
+            *labelled, last = data.rows(unit)
+            of, _ = told(data, base, np.array(labelled, int))
+            for k in case["labelled"]:
+                own = posterior(base, some(of, k), np.arange(k), shares=cells)
+                ours[k].append(asked(data, last, filed(home, data, own, own.imu, k)))
+        found |= {(share, k): scored(own).nse for k, own in ours.items()}
+        each = "  ".join(f"k {k}: {found[share, k]:.3f}" for k in case["labelled"])
+        study.line(f"share {share:4g}, {case['fixed_units']} units: {each}")
+    (share, k), nse = max(found.items(), key=lambda own: abs(np.log(own[1])))
+    study.line(f"worst: share {share:g}, k {k}: NSE {nse:.3f}")
+    study.summary["fixed_share_nse_worst"] = {"share": share, "labelled": k, "nse": nse}
+
+
 def published(study: Report) -> None:
     """The published means: what calibrate says of them."""
     if not MEANS.exists():
@@ -304,6 +332,7 @@ def main() -> None:
         home = Path(temporary)
         curves(study, home)
         unknown_split(study, home)
+        fixed_split(study, home)
         published(study)
 
 
