@@ -23,6 +23,7 @@ from lbgc.estimators.unit_posterior import (
     UnitVerdict,
     constantless,
     evidence,
+    of_others,
     posterior,
     simplex,
     undivided,
@@ -195,24 +196,18 @@ def _foretold(
     power-up do, where there is one. base : undivided, as `told` was made with it."""
     rows = [own.rows(slice(k, k + 1)) for own in windows for k in range(len(own))]
     powered = np.unique(session)
-    one = len(powered) == 1
-    now = powered[0] if one else None
-    groups = [[k] for k in range(len(rows))]
-    if not one:
-        groups = [np.flatnonzero(session == label).tolist() for label in powered]
+    now = powered[0] if len(powered) == 1 else None
     errors, scores = np.empty((2, len(rows))), np.empty((2, len(rows)))
-    for group in groups:
-        kept = np.setdiff1d(np.arange(len(rows)), group)
-        others = replace(told, h=told.h[kept], J=told.J[kept])
-        for way, shares in enumerate((simplex(), constantless(session))):
-            found = posterior(base, others, session[kept], now, shares)
-            for k in group:
-                answer = gls(_without(rows[k], base, found.known), found.imu, checked=False)
-                off = float(wrap(answer.heading[0] - labels.heading[k]))
-                variance = float(answer.sigma[0]) ** 2 + labels.errors[k] ** 2 + offset**2
-                errors[way, k] = off
-                scores[way, k] = -off * off / (2 * variance) - np.log(variance) / 2
-    gains = np.array([(scores[0] - scores[1])[group].mean() for group in groups])
+    for way, shares in enumerate((simplex(), constantless(session))):
+        part, others = of_others(base, told, session, now, shares)
+        for k, window in enumerate(rows):
+            found = others[part[k]]
+            answer = gls(_without(window, base, found.known), found.imu, checked=False)
+            off = float(wrap(answer.heading[0] - labels.heading[k]))
+            variance = float(answer.sigma[0]) ** 2 + labels.errors[k] ** 2 + offset**2
+            errors[way, k] = off
+            scores[way, k] = -off * off / (2 * variance) - np.log(variance) / 2
+    gains = np.bincount(part, scores[0] - scores[1]) / np.bincount(part)
     with_it, without = np.sqrt(np.mean(errors**2, axis=1)).tolist()
     return Foretold((with_it, without), gains)
 

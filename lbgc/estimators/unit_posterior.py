@@ -166,26 +166,70 @@ def posterior(
     power-up that each recording is from; now : the power-up that is still on, whose own errors are
     known likewise; None: it has been switched off. shares : (S, 3), the splits of the gyros' bias
     to weigh alike, where `imu` has the whole bias in each lifetime (see `undivided`)."""
+    part = _parts(session, now)
+    return _posteriors(imu, told, session, now, shares, [np.ones(part.max(initial=-1) + 1, bool)])[
+        0
+    ]
+
+
+def of_others(
+    imu: ImuModel, told: Evidence, session: np.ndarray, now: object | None, shares: np.ndarray
+) -> tuple[np.ndarray, list[Posterior]]:
+    """The part, (R,), that each recording belongs to, a power-up, or a recording of that which is
+    still on; and of each part the posterior by all others. Arguments : as of `posterior`."""
+    part = _parts(session, now)
+    return part, _posteriors(
+        imu, told, session, now, shares, list(~np.eye(part.max() + 1, dtype=bool))
+    )
+
+
+def _parts(session: np.ndarray, now: object | None) -> np.ndarray:
+    """Which recordings, (R,), tell of the unit together: those of a power-up that is over, whose
+    errors they share; and each of that which is still on."""
+    _, number = np.unique(session, return_inverse=True)
+    alone = len(session) + np.arange(len(session))
+    return np.unique(np.where(session == now, alone, number), return_inverse=True)[1]
+
+
+def _posteriors(
+    imu: ImuModel,
+    told: Evidence,
+    session: np.ndarray,
+    now: object | None,
+    shares: np.ndarray | None,
+    several: Sequence[np.ndarray],
+) -> list[Posterior]:
+    """The posterior by some of the parts, bool (P,), for each of several choices of them."""
     power = "session" if now is not None else None
     lasts = [_lifetime(imu, c) for c in told.coefficients]
     names = [k for k, lifetime in enumerate(lasts) if lifetime in ("unit", power)]
     every = np.ones((1, 3)) if shares is None else shares
-    found = [_posterior(told, lasts, session, now, _prior(imu, told, own), names) for own in every]
-    means, covariances, logs = (np.array(each) for each in zip(*found, strict=True))
-    weight = np.exp(logs - logs.max())
-    log_evidence = float(logs.max() + np.log(weight.mean()))
-    weight /= weight.sum()
-    mean, sigma = weight @ means, told.sigma[names]
-    off = means - mean
-    covariance = np.einsum("s,sij->ij", weight, covariances + off[:, :, None] * off[:, None])
+    part, sigma = _parts(session, now), told.sigma[names]
     which = tuple(told.coefficients[k] for k in names)
     before = (
         {} if imu.known is None else dict(zip(imu.known.coefficients, imu.known.mean, strict=True))
     )
     already = np.array([before.get(c, 0.0) for c in which])
-    known = Known(which, already + sigma * mean, covariance * sigma * sigma[:, None])
-    split = imu if shares is None else divided(imu, weight @ every)
-    return Posterior(known, unit.told(split, known), every, weight, log_evidence)
+    found: list[list[tuple[np.ndarray, np.ndarray, float]]] = [[] for _ in several]
+    for own in every:
+        prior = _prior(imu, told, own)
+        sums, kept = _sums(told, lasts, part, session == now, prior)
+        for each, some in zip(found, several, strict=True):
+            h, J, log = (own[some].sum(axis=0) for own in sums)
+            each.append(_concluded(h, J, float(log), prior[names][:, kept]))
+    posteriors = []
+    for each in found:
+        means, covariances, logs = (np.array(own) for own in zip(*each, strict=True))
+        weight = np.exp(logs - logs.max())
+        log_evidence = float(logs.max() + np.log(weight.mean()))
+        weight /= weight.sum()
+        mean = weight @ means
+        off = means - mean
+        covariance = np.einsum("s,sij->ij", weight, covariances + off[:, :, None] * off[:, None])
+        known = Known(which, already + sigma * mean, covariance * sigma * sigma[:, None])
+        split = imu if shares is None else divided(imu, weight @ every)
+        posteriors.append(Posterior(known, unit.told(split, known), every, weight, log_evidence))
+    return posteriors
 
 
 def _lifetime(imu: ImuModel, which: Coefficient) -> str:
@@ -209,36 +253,39 @@ def _prior(imu: ImuModel, told: Evidence, shares: np.ndarray) -> np.ndarray:
     return prior
 
 
-def _posterior(
-    told: Evidence,
-    lasts: list[str],
-    session: np.ndarray,
-    now: object | None,
-    prior: np.ndarray,
-    names: list[int],
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The posterior of the unknowns that `names` numbers, mean and covariance by their prior
-    sigmas, and the log evidence. lasts : the lifetime of each coefficient; prior : see `_prior`."""
-    h = told.h @ prior
-    J = prior.T @ told.J @ prior
+def _sums(
+    told: Evidence, lasts: list[str], part: np.ndarray, on: np.ndarray, prior: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """What P parts tell of what lasts through them: h, (P, n), J, (P, n, n), and the logarithms of
+    what was integrated out, (P,); and which of the m unknowns those are. lasts : the lifetime of
+    each coefficient; part : see `_parts`; on : (R,), whether a recording's power-up is still on;
+    prior : see `_prior`."""
     run, power = (np.array([*(own == life for own in lasts), False]) for life in ("run", "session"))
-    h, J, log = _eliminated(h, J, run)
-    power = power[~run]
-    total_h, total_J, total_log = np.zeros(len(power)), np.zeros((len(power),) * 2), log.sum()
-    for label in np.unique(session):
-        own = session == label
-        of_h, of_J = h[own].sum(axis=0), J[own].sum(axis=0)
-        if label != now:
-            one_h, one_J, log = _eliminated(of_h[None], of_J[None], power)
-            of_h, of_J = np.zeros_like(total_h), np.zeros_like(total_J)
-            of_h[~power], of_J[np.ix_(~power, ~power)] = one_h[0], one_J[0]
-            total_log += log[0]
-        total_h, total_J = total_h + of_h, total_J + of_J
-    factor = np.linalg.cholesky(np.eye(len(total_h)) + total_J)
-    half = np.linalg.solve(factor, total_h)
-    total_log += half @ half / 2 - np.log(np.diag(factor)).sum()
-    root = np.linalg.solve(factor, prior[names][:, ~run].T)
-    return root.T @ half, root.T @ root, float(total_log)
+    one_h, one_J, one_log = _eliminated(told.h @ prior, prior.T @ told.J @ prior, run)
+    power, count = power[~run], part.max(initial=-1) + 1
+    h, J, log = np.zeros((count, len(power))), np.zeros((count, *one_J.shape[1:])), np.zeros(count)
+    for total, each in ((h, one_h), (J, one_J), (log, one_log)):
+        np.add.at(total, part, each)
+    off = np.ones(count, bool)
+    off[part[on]] = False
+    of_h, of_J, of_log = _eliminated(h[off], J[off], power)
+    h[off], J[off], log[off] = 0.0, 0.0, log[off] + of_log
+    h[np.ix_(off, ~power)] = of_h
+    J[np.ix_(off, ~power, ~power)] = of_J
+    return (h, J, log), ~run
+
+
+def _concluded(
+    h: np.ndarray, J: np.ndarray, log: float, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean and covariance of what is asked for, by prior sigmas, and the log evidence, of what the
+    recordings tell, h (n,) and J (n, n), of unknowns that are normals of variance one before.
+    prior : (r, n), what is asked for by those."""
+    factor = np.linalg.cholesky(np.eye(len(h)) + J)
+    half = np.linalg.solve(factor, h)
+    log += float(half @ half / 2 - np.log(np.diag(factor)).sum())
+    root = np.linalg.solve(factor, prior.T)
+    return root.T @ half, root.T @ root, log
 
 
 def _eliminated(
@@ -320,13 +367,8 @@ def verdict(imu: ImuModel, told: Evidence, session: np.ndarray) -> UnitVerdict:
     """Whether recordings show a constant of their unit. imu : undivided, as `told` was made with
     it; session : (R,), the power-up of each."""
     with_it, without = simplex(), constantless(session)
-
-    def factor(kept: np.ndarray) -> float:
-        own = replace(told, h=told.h[kept], J=told.J[kept])
-        logs = [posterior(imu, own, session[kept], shares=s).log_evidence
-                for s in (with_it, without)]  # fmt: skip
-        return logs[0] - logs[1]
-
-    whole = factor(np.ones(len(session), bool))
-    gains = [whole - factor(session != label) for label in np.unique(session)]
-    return UnitVerdict(whole, tuple(gains))
+    ends = (posterior(imu, told, session, None, own).log_evidence for own in (with_it, without))
+    factor = next(ends) - next(ends)
+    others = (of_others(imu, told, session, None, own)[1] for own in (with_it, without))
+    rest = [a.log_evidence - b.log_evidence for a, b in zip(*others, strict=True)]
+    return UnitVerdict(factor, tuple(factor - own for own in rest))
