@@ -17,18 +17,13 @@ from lbgc.estimators.floor import expected_floor
 from lbgc.estimators.information import information
 from lbgc.estimators.static import gls
 from lbgc.estimators.unit_posterior import (
-    Evidence,
     Posterior,
     Reference,
-    UnitVerdict,
-    constantless,
     evidence,
-    of_others,
     posterior,
-    simplex,
     undivided,
-    verdict,
 )
+from lbgc.estimators.unit_verdict import UnitVerdict, Way, verdict, ways
 from lbgc.frames import wrap
 from lbgc.outputs import fingerprint
 from lbgc.sensor.datasheet import ImuConfig
@@ -161,7 +156,13 @@ def learned(
         windows = [_without(own, imu.model(rate_hz), before.known) for own in windows]
     heading = np.array(labels.heading)
     told = evidence(base, windows, heading, Reference(np.array(labels.errors), offset))
-    found = posterior(base, told, session, now, simplex() if estimated else None)
+    if estimated:
+        part, both = ways(base, told, session)
+        found = posterior(base, told, session, now, both[0].shares, both[0].mass)
+        said: UnitVerdict | None = verdict(both)
+        others = _foretold(base, part, both, windows, labels, offset)
+    else:
+        found, said, others = posterior(base, told, session, now), None, None
     old = () if before is None else before.sessions
     unit, power, run = (_three(found.imu.gyro.bias(life)) for life in LIFETIMES)
     if before is not None or not estimated:
@@ -175,10 +176,6 @@ def learned(
         (*old, *powered),
         now,
     )
-    said = verdict(base, told, session) if estimated else None
-    others = None
-    if estimated and len(heading) > 1:
-        others = _foretold(base, told, session, windows, labels, offset)
     last = windows[-1]
     sizes = tuple(_expected(model, last) for model in (prior, own.told(imu.model(rate_hz))))
     return Learned(own, found, prior, said, (sizes[0], sizes[1]), others)
@@ -186,22 +183,19 @@ def learned(
 
 def _foretold(
     base: ImuModel,
-    told: Evidence,
-    session: np.ndarray,
+    part: np.ndarray,
+    both: Sequence[Way],
     windows: list[Windows],
     labels: Labels,
     offset: float,
 ) -> Foretold:
     """Each power-up's headings by what the others tell; each recording's by what the others of its
-    power-up do, where there is one. base : undivided, as `told` was made with it."""
+    power-up do, where there is one. base : undivided; part, both : see `ways`."""
     rows = [own.rows(slice(k, k + 1)) for own in windows for k in range(len(own))]
-    powered = np.unique(session)
-    now = powered[0] if len(powered) == 1 else None
     errors, scores = np.empty((2, len(rows))), np.empty((2, len(rows)))
-    for way, shares in enumerate((simplex(), constantless(session))):
-        part, others = of_others(base, told, session, now, shares)
+    for way, own in enumerate(both):
         for k, window in enumerate(rows):
-            found = others[part[k]]
+            found = own.others[part[k]]
             answer = gls(_without(window, base, found.known), found.imu, checked=False)
             off = float(wrap(answer.heading[0] - labels.heading[k]))
             variance = float(answer.sigma[0]) ** 2 + labels.errors[k] ** 2 + offset**2
@@ -278,12 +272,14 @@ def _of_split(found: Learned, sessions: int) -> list[str]:
     """What the recordings say of how the bias splits, and of a constant."""
     assert found.verdict is not None
     weight, shares = found.posterior.weight, found.posterior.shares
-    mean = weight @ shares
-    low, high = _interval(shares[:, 0], weight)
-    lines = [
-        f"of the bias's variance the unit keeps {mean[0]:.0%} (95%: {low:.0%} to {high:.0%}), a "
-        f"power-up adds {mean[1]:.0%}, a recording {mean[2]:.0%}"
-    ]
+    whole = float(np.sqrt(np.mean(np.square(found.prior.gyro.bias())))) / _DPH
+    parts = []
+    for own, who in zip(
+        shares.T, ("a unit keeps", "a power-up adds", "a recording adds"), strict=True
+    ):
+        low, high = (whole * np.sqrt(end) for end in _interval(own, weight))
+        parts.append(f"{who} {whole * np.sqrt(weight @ own):.3g} ({low:.2g} to {high:.2g})")
+    lines = [f"of its bias, {whole:.3g} deg/h as described, {', '.join(parts)}: 1 sigma, 95%"]
     if sessions < 2:
         lines.append("one power-up: a unit's constant and this power-up's cannot be told apart")
     factor = found.verdict.log_bayes_factor / np.log(10)

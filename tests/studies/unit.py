@@ -22,7 +22,7 @@ from helpers import REAL_LOGS, composed, default_config
 from matplotlib.figure import Figure
 from scoring import Scores
 from tqdm import tqdm
-from unit_floor import UnitFloor, estimate
+from unit_floor import UnitFloor, estimate, simplex
 
 import sim.generate
 from lbgc import calibrate
@@ -42,7 +42,6 @@ from lbgc.estimators.unit_posterior import (
     divided,
     evidence,
     posterior,
-    simplex,
     undivided,
 )
 from lbgc.frames import wrap
