@@ -287,9 +287,10 @@ def _of_split(found: Learned, sessions: int) -> list[str]:
     said = f"log10 of the Bayes factor of a constant of {whose} against none: {factor:+.2f}"
     if len(found.verdict.gains) > 1:
         gain, sigma = found.verdict.gain, found.verdict.gain_sigma
+        each = "power-up" if sessions > 1 else "recording"
         said += (
-            f"; one power-up by the others, log predictive score {gain:+.2f} (standard error "
-            f"{sigma:.2f}) a power-up"
+            f"; data of one {each} by the others', log predictive score {gain:+.2f} (standard "
+            f"error {sigma:.2f})"
         )
     lines.append(said)
     if found.foretold is not None:
