@@ -10,9 +10,9 @@ import os
 import re
 import shutil
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import google_crc32c
@@ -518,33 +518,34 @@ class Bench:
         return None
 
 
-def readers(home: Path) -> dict[str, Reader]:
-    """Every reader of outside data, its example made below `home`."""
-    stored = _store(home)
-    payload = [n for n in stored if "/c." in n and "manifest" not in n]
-    documents = [n for n in stored if n.endswith("zarr.json")]
-    rows = [n for n in stored if "manifest" in n]
+def readers(home: Path, wanted: Collection[str] | None = None) -> dict[str, Reader]:
+    """Every reader of outside data that is wanted (None: all), its example made below `home`."""
+    stored = cache(lambda: _store(home))
 
-    def of_store(targets: Sequence[str]) -> Reader:
-        return Reader(stored, _read_store, bool, targets, _reseal_store, exact=True, closed=True)
+    def of_store(targets: Callable[[str], bool]) -> Reader:
+        own = [name for name in stored() if targets(name)]
+        return Reader(stored(), _read_store, bool, own, _reseal_store, exact=True, closed=True)
 
-    return {
-        "csv": _log("table", "log.csv", time_column="t"),
-        "recordings": _log("recordings", "x_40.csv", rate_hz=10.0),
-        "means": _means(),
-        "parquet": _log("table", "log.parquet", time_column="t", compression="zstd"),
-        "parquet snappy": _log("table", "log.parquet", time_column="t", compression="snappy"),
-        "psins": _log("psins", "log.imu"),
-        **{kind: _format(kind, home) for kind in FORMATS if is_installed(kind)},
-        "imu yaml": _yaml("imu", "stim300", ImuConfig),
-        "log yaml": _yaml("log", "csv", LogConfig),
-        "checkpoint": _checkpoint(home),
-        "model": _model(),
-        "unit": _unit(),
-        "store payload": of_store(payload),
-        "store documents": of_store(documents),
-        "manifest": of_store(rows),
+    made: dict[str, Callable[[], Reader]] = {
+        "csv": lambda: _log("table", "log.csv", time_column="t"),
+        "recordings": lambda: _log("recordings", "x_40.csv", rate_hz=10.0),
+        "means": _means,
+        "parquet": lambda: _log("table", "log.parquet", time_column="t", compression="zstd"),
+        "parquet snappy": lambda: _log(
+            "table", "log.parquet", time_column="t", compression="snappy"
+        ),
+        "psins": lambda: _log("psins", "log.imu"),
+        **{kind: partial(_format, kind, home) for kind in FORMATS if is_installed(kind)},
+        "imu yaml": lambda: _yaml("imu", "stim300", ImuConfig),
+        "log yaml": lambda: _yaml("log", "csv", LogConfig),
+        "checkpoint": lambda: _checkpoint(home),
+        "model": _model,
+        "unit": _unit,
+        "store payload": lambda: of_store(lambda n: "/c." in n and "manifest" not in n),
+        "store documents": lambda: of_store(lambda n: n.endswith("zarr.json")),
+        "manifest": lambda: of_store(lambda n: "manifest" in n),
     }
+    return {kind: make() for kind, make in made.items() if wanted is None or kind in wanted}
 
 
 def exported(home: Path) -> bytes | None:

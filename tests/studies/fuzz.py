@@ -48,7 +48,7 @@ FORBIDDEN = ("subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.spawn"
              "ctypes.")  # fmt: skip
 READING = (sys.executable, "-P", "-m", child.__name__)
 """The process in which some formats are read."""
-ONNX = "example.onnx"
+ONNX_KIND, ONNX = "onnx", "example.onnx"
 
 
 class Watch:
@@ -101,9 +101,9 @@ def work(home: str, first: int, every: int, at: SynchronizedArray, report: Any) 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # progress bars, and what libraries say of a file
     own = Path(tempfile.mkdtemp(dir=home))
     os.environ["XDG_CACHE_HOME"] = str(own / "cache")
-    kinds = readers(own)
+    kinds = readers(own, CASES["files"])
     if (onnx := Path(home) / ONNX).exists():
-        kinds["onnx"] = onnx_reader(onnx.read_bytes())
+        kinds[ONNX_KIND] = onnx_reader(onnx.read_bytes())
     others = [next(iter(reader.files.values())) for reader in kinds.values()]
     benches = {n: Bench(own / "cases" / n.replace(" ", "_"), r, others) for n, r in kinds.items()}
     limit = int(CASES["memory_bytes"])
@@ -242,10 +242,10 @@ class Crew:
 
 def main() -> None:
     with Report("studies/fuzz") as study, tempfile.TemporaryDirectory(dir=_fast()) as home:
-        onnx = exported(Path(home))
-        if onnx is None:
+        onnx = exported(Path(home)) if ONNX_KIND in CASES["files"] else None
+        if ONNX_KIND in CASES["files"] and onnx is None:
             study.line("exported networks are left out: the extra onnx is not installed")
-        else:
+        elif onnx is not None:
             (Path(home) / ONNX).write_bytes(onnx)
         counts: dict[str, Counter[str]] = {kind: Counter() for kind in (*CASES["files"], "lost")}
         total = sum(CASES["files"].values())
