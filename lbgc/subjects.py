@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lbgc.data import logs, picture
+from lbgc.data import logs, picture, unit_file
 from lbgc.data.compensated import calibrated, drawn_errors, without_mean
 from lbgc.data.record import Record
 from lbgc.data.store import Dataset
@@ -129,19 +129,9 @@ def require_of_unit(unit: CalibratedUnit, said: str | logs.LogConfig, split: str
     not of the power-up whose own errors are known; but not where they were simulated from what is
     known."""
     if isinstance(said, str):
-        dataset = Dataset.open_finished(said)
-        if dataset.configuration.get("calibration") == unit.checksum:
-            return  # each of its units is one that this may be
-        rows = dataset.in_split(split)
-        count = len(np.unique(dataset.label("unit")[rows]))
-        require(count == 1, "data", said, f"has {count} units, and a calibration is of one")
-        sessions = {str(own) for own in dataset.label("session")[rows]}
+        unit_file.require_of_dataset(unit, said, split)
     else:
-        sessions = {said.session or "(unnamed)"}
-    others = sorted(sessions - {unit.now}) if unit.now is not None else []
-    about = f"is the power-up that it knows, and the recordings are of {shown(', '.join(others))}: "
-    about += "calibrate without now, or say log.session"
-    require(not others, "calibration", unit.now, about)
+        unit_file.require_power_up(unit, {said.session or "(unnamed)"})
 
 
 def of_unit(

@@ -44,7 +44,6 @@ from lbgc.report import history
 from lbgc.report.figures import loss_curve, png
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.imu import ImuModel
-from lbgc.subjects import require_of_unit
 
 _MOST_THREADS = 1024
 CHECKPOINT = "checkpoint.safetensors"
@@ -241,7 +240,7 @@ def _unit(config: TrainConfig, datasets: Sequence[Dataset]) -> CalibratedUnit | 
     for path, dataset in zip(config.paths, datasets, strict=True):
         unit = unit_file.load(config.calibration, build(ImuConfig, dataset.configuration["imu"]))
         for split in ("train", "validation"):
-            require_of_unit(unit, path, split)
+            unit_file.require_of_dataset(unit, path, split)
     return unit
 
 

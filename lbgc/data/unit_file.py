@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lbgc.data.store import Dataset
 from lbgc.errors import InputError, reading, require
 from lbgc.outputs import as_json, fingerprint, read_file, shown, write_atomically
 from lbgc.sensor.datasheet import ImuConfig
@@ -105,6 +106,26 @@ def parse(said: Any, imu: ImuConfig, where: object) -> CalibratedUnit:
     )
     require(fits, "calibration", where, "does not fit its sensor")
     return own
+
+
+def require_of_dataset(unit: CalibratedUnit, path: str, split: str) -> None:
+    """Raise InputError where a dataset's split is of several units, or not of the power-up whose
+    own errors are known; but not where it was simulated from what is known."""
+    dataset = Dataset.open_finished(path)
+    if dataset.configuration.get("calibration") == unit.checksum:
+        return  # each of its units is one that this may be
+    rows = dataset.in_split(split)
+    count = len(np.unique(dataset.label("unit")[rows]))
+    require(count == 1, "data", path, f"has {count} units, and a calibration is of one")
+    require_power_up(unit, {str(own) for own in dataset.label("session")[rows]})
+
+
+def require_power_up(unit: CalibratedUnit, sessions: set[str]) -> None:
+    """Raise InputError where recordings are of other power-ups than that whose errors are known."""
+    others = sorted(sessions - {unit.now}) if unit.now is not None else []
+    about = f"is the power-up that it knows, and the recordings are of {shown(', '.join(others))}: "
+    about += "calibrate without now, or say log.session"
+    require(not others, "calibration", unit.now, about)
 
 
 def _unit(said: dict[str, Any]) -> CalibratedUnit:
