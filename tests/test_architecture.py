@@ -62,6 +62,9 @@ MAY_IMPORT = {
     "lbgc.exports": BASE | {"lbgc.sensor"},
     "lbgc.report": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.metrics", "lbgc.headings"},
     "lbgc.subjects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.report"},
+    "lbgc.tumbling": BASE
+    | {"lbgc.sensor", "lbgc.data", "lbgc.estimators", "lbgc.answers", "lbgc.report"}
+    | {"lbgc.subjects"},
     "lbgc.outcome": BASE | {"lbgc.metrics", "lbgc.answers", "lbgc.report", "lbgc.verdict"},
     "lbgc.verdict": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
     "lbgc.prospects": BASE | {"lbgc.sensor", "lbgc.data", "lbgc.estimators"},
