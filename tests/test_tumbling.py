@@ -76,6 +76,8 @@ def from_earth_rate(poses: Poses, imu: ImuModel, hemisphere: str = "either") -> 
     heading = np.arctan2(-level[:, 1], level[:, 0])
     found = FromEarthRate(heading, np.full(len(poses), 0.01), rotation_z(heading) @ poses.levels)
     found = replace(found, modes=(SimpleNamespace(heading=heading, weight=1.0),))
+    if poses.integrated or hemisphere != "either":
+        found = replace(found, notes=(f"integrated {poses.integrated}, {hemisphere}",))
     if poses.latitude is not None:
         return found
     latitude = float(np.mean(np.arctan2(-level[:, 2], np.hypot(level[:, 0], level[:, 1]))))
@@ -187,6 +189,18 @@ def test_a_latitude_that_is_to_be_found_is_not_told(cli, perfect, known):
                "tumble.find_latitude=true")  # fmt: skip
     assert done.code == 0, done.err
     assert "latitude 32.76, 95% from 27.03 to 38.49 deg" in done.out
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["tumble.integrated=true"], "integrated True, either"),
+        (["tumble.find_latitude=true", "tumble.hemisphere=north"], "integrated False, north"),
+    ],
+)
+def test_the_estimator_is_told_what_is_asked(cli, perfect, known, options, says):
+    done = cli("lbgc.evaluate", f"data={perfect.path}", "estimator=tumble", *options)
+    assert says in done.out
 
 
 @pytest.mark.parametrize(

@@ -223,11 +223,21 @@ class Dataset:
     @property
     def _axis(self) -> int:
         """The axis of the body about which its plate turns; down, if nothing says another."""
-        said: Any = self._group.attrs["configuration"]
-        protocol = said.get("protocol") if isinstance(said, Mapping) else None
-        axis = protocol.get("axis") if isinstance(protocol, Mapping) else None
+        axis = self._protocol.get("axis")
         require(axis is None or axis in AXES, "data", self.place, "has a plate about no axis")
         return DOWN if axis is None else AXES.index(axis)
+
+    @property
+    def _tumbles(self) -> bool:
+        """Whether a hand held the IMU, as far as its configuration says."""
+        return self._protocol.get("kind") == "tumble"
+
+    @property
+    def _protocol(self) -> Mapping[str, Any]:
+        """What its configuration says of the protocol; nothing where it is of another shape."""
+        said: Any = self._group.attrs["configuration"]
+        protocol = said.get("protocol") if isinstance(said, Mapping) else None
+        return protocol if isinstance(protocol, Mapping) else {}
 
     @property
     def rate_hz(self) -> float:
@@ -340,8 +350,7 @@ class Dataset:
     def records(self, indices: np.ndarray) -> Iterator[Record]:
         """The recordings at these indices, ascending; a chunk is read once, and then let go."""
         labels = {n: self.label(n) for n in ("heading", "heading_reference", "latitude")}
-        axis = self._axis
-        held = self.configuration["protocol"]["kind"] == "tumble"
+        axis, held = self._axis, self._tumbles
         names = ("gyro", "accel", "plate_angle", *(("attitude",) if held else ()))
         ascending = np.sort(indices)
         ends = np.flatnonzero(np.diff(ascending // self.layout.chunk("gyro"))) + 1
