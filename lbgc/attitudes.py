@@ -14,20 +14,26 @@ FACES = ((0.0, 0.0), (np.pi, 0.0), (np.pi / 2, 0.0), (-np.pi / 2, 0.0), (0.0, np
 axis down or up, its forward axis up or down."""
 
 
-def drawn(config: ProtocolConfig, rng: np.random.Generator) -> np.ndarray:
-    """C_nb of the attitudes of one recording, their headings from the base's azimuth: (P, 3, 3).
+def uniform(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Attitudes C_nb, (count, 3, 3), each as probable as any other: those of unit quaternions."""
+    w, x, y, z = (own := rng.standard_normal((4, count))) / np.linalg.norm(own, axis=0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
-    Down in the body's axes is (-sin pitch, cos pitch sin roll, cos pitch cos roll), so that it is
-    uniform on the sphere where roll and the sine of the pitch are uniform.
-    """
+
+def drawn(config: ProtocolConfig, rng: np.random.Generator) -> np.ndarray:
+    """C_nb of the attitudes of one recording, their headings from the base's azimuth: (P, 3, 3)."""
     count = config.places
     if config.attitudes_deg is not None:
         roll, pitch, heading = np.deg2rad(config.attitudes_deg).T
+    elif config.downs == "sphere":
+        return uniform(rng, count)
     else:
         heading = rng.uniform(-np.pi, np.pi, count)
-        if config.downs == "sphere":
-            roll, pitch = rng.uniform(-np.pi, np.pi, count), np.arcsin(rng.uniform(-1, 1, count))
-            return euler_to_matrix(roll, pitch, heading)
         rounds = -(-count // len(FACES))
         order = np.concatenate([rng.permutation(len(FACES)) for _ in range(rounds)])[:count]
         roll, pitch = np.array(FACES)[order].T

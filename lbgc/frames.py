@@ -99,6 +99,13 @@ def matrix_to_euler(c_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return roll, pitch, yaw
 
 
+def about_vertical(matrix: np.ndarray) -> np.ndarray:
+    """The angle about the vertical of the turn about it that comes nearest to a rotation, or to a
+    mean of some: (*S, 3, 3) -> (*S), rad."""
+    sine = matrix[..., 1, 0] - matrix[..., 0, 1]
+    return np.asarray(np.arctan2(sine, matrix[..., 0, 0] + matrix[..., 1, 1]))
+
+
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """The rotation vector (axis times angle) of rotations by less than pi: (*S, 3, 3) -> (*S, 3).
 

@@ -9,7 +9,7 @@ import numpy as np
 from lbgc.data.record import Record
 from lbgc.data.rests import rests
 from lbgc.errors import require
-from lbgc.frames import euler_to_matrix, level
+from lbgc.frames import about_vertical, euler_to_matrix, level
 
 SIDES = ("forward", "right", "down", "backward", "left", "up")
 """The body's six directions, by which attitudes are described."""
@@ -77,16 +77,14 @@ def headings_of(poses: Poses, record: Record, levels: np.ndarray) -> np.ndarray:
 
     levels : (P, 3, 3), C_nb at heading zero as an estimator found it. A heading turns what is held
     for level about its own vertical, so the true one is the angle by which the level comes nearest
-    to the true attitude C: with M = C levels', atan2(M_10 - M_01, M_00 + M_11). Where the forward
-    axis is near the vertical, that axis's own heading differs from it by many times the level's
-    error.
+    to the true attitude. Where the forward axis is near the vertical, that axis's own heading
+    differs from it by many times the level's error.
     """
     assert record.held is not None
     if record.held.attitude is None:
         return np.array(record.held.headings or [np.nan] * len(poses))
     each = [euler_to_matrix(*record.held.attitude[slice(*own)].T) for own in poses.rests]
-    m = np.array([own.mean(axis=0) for own in each]) @ levels.swapaxes(1, 2)
-    return np.asarray(np.arctan2(m[:, 1, 0] - m[:, 0, 1], m[:, 0, 0] + m[:, 1, 1]))
+    return about_vertical(np.array([own.mean(axis=0) for own in each]) @ levels.swapaxes(1, 2))
 
 
 def described(poses: Poses, name: str) -> str:

@@ -26,12 +26,13 @@ from tqdm import tqdm
 from tumbled import LATITUDE, poses, sensor
 
 from lbgc import cores
+from lbgc.attitudes import uniform
 from lbgc.errors import InputError
 from lbgc.estimators.held import held
 from lbgc.estimators.pose_information import form
 from lbgc.estimators.torus import Torus
 from lbgc.estimators.tumble import solved, tumble, turned_by
-from lbgc.estimators.tumble_floor import attitudes, small_errors
+from lbgc.estimators.tumble_floor import small_errors
 
 CASES = cases("tumble")
 KINDS = ("separate", "integrated")
@@ -56,7 +57,7 @@ class Run:
 def one(name: str, count: int, dwell_s: float, seed: Sequence[int]) -> list[Run]:
     """A log of each kind."""
     rng, imu = np.random.default_rng(seed), sensor(name)
-    truth = attitudes(rng, count)
+    truth = uniform(rng, count)
     log = poses(rng, imu, truth, dwell_s)
     found = []
     for integrated in (False, True):
@@ -92,7 +93,7 @@ def latitude(name: str, count: int, dwell_s: float, seed: Sequence[int]) -> list
     """Whether the latitude's interval holds it, of a log of each kind."""
     rng, imu = np.random.default_rng(seed), sensor(name)
     at = float(np.arcsin(rng.uniform(-1, 1)))
-    log = poses(rng, imu, attitudes(rng, count), dwell_s, latitude=at, known=False)
+    log = poses(rng, imu, uniform(rng, count), dwell_s, latitude=at, known=False)
     inside = []
     for integrated in (False, True):
         interval: tuple[float, float] | None = (-np.pi, np.pi)  # where nothing is told: anywhere
