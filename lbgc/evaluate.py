@@ -182,7 +182,7 @@ def _tumbled(config: EvaluateConfig) -> Path:
         ask = config.tumble, config.estimator, FROM_POSES[config.estimator]
         found = tumbling.asked(*ask, subject, records, count)
     notes = [*subject.notes, *found.notes, *found.evaluation.why_not()]
-    notes += tumbling.latitudes(found.each)
+    notes += [*tumbling.ways(found.each), *tumbling.latitudes(found.each)]
     evaluation = found.evaluation
     result = outcome_of(subject, evaluation, list(evaluation.answers), notes, config.reach_deg)
     document = {**document_of(None, result, evaluation), "tumbles": found.each}

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from lbgc.answers import Evaluation, Own
 from lbgc.data.poses import Poses, described, headings_of, poses_of
+from lbgc.data.record import Record
 from lbgc.earth import heading_exists
 from lbgc.errors import InputError, require, require_choice
 from lbgc.estimators.estimate import Estimate, FromPoses, TellsPoses
@@ -67,12 +68,8 @@ def asked(
     found, said = Tumbles(), Counter[str]()
     for number, own in enumerate(tqdm(records, "evaluating", count, unit="rec", leave=False)):
         record = own.record
-        require(
-            bool(heading_exists(record.latitude)) or config.find_latitude,
-            "latitude",
-            round(float(np.rad2deg(record.latitude)), 6),
-            f"{record.name} was taken at a pole, where heading does not exist",
-        )
+        if not config.find_latitude:
+            _require_latitude(record)
         poses = poses_of(record, config.integrated, not config.find_latitude)
         found.evaluation.recordings.append(record.name)
         if number < _DESCRIBED:
@@ -91,6 +88,8 @@ def asked(
         ) -> Estimate:
             told = _told(estimate, poses, imu, config)
             to.append(told)
+            if told.latitude is not None and np.isnan(own.record.latitude):
+                facts.latitude[:] = told.latitude
             if subject.against is not None:
                 levels = rotation_z(-told.heading) @ told.attitude
                 facts.heading[:] = headings_of(poses, own.record, levels)
@@ -109,6 +108,19 @@ def asked(
         n if k == count else f"{n} ({k} of {count} recordings)" for n, k in said.items()
     ]
     return found
+
+
+def _require_latitude(record: Record) -> None:
+    """Raise InputError where the latitude is not known, or is a pole's."""
+    known = bool(np.isfinite(record.latitude))
+    about = f"must be given for {record.name}; tumble.find_latitude=true finds it from the poses"
+    require(known, "log.latitude", None, about)
+    require(
+        bool(heading_exists(record.latitude)),
+        "latitude",
+        round(float(np.rad2deg(record.latitude)), 6),
+        f"{record.name} was taken at a pole, where heading does not exist",
+    )
 
 
 def _told(estimate: TellsPoses, poses: Poses, imu: ImuModel, config: TumbleConfig) -> FromPoses:
@@ -150,6 +162,18 @@ def _as_json(name: str, poses: Poses, told: FromPoses) -> dict:
 def _degrees(heading: float) -> float:
     """A heading from 0 to 360 degrees."""
     return float(np.mod(np.rad2deg(heading), 360))
+
+
+def ways(each: Sequence[dict]) -> list[str]:
+    """Sentences on the ways to hold the headings where there are several, the likeliest first; of
+    the first few recordings."""
+    return [
+        f"{own['recording']}, {mode['weight']:.1%} probable: headings "
+        f"{', '.join(f'{heading:.1f}' for heading in mode['heading_deg'])} deg"
+        for own in each[:_DESCRIBED]
+        if len(own["modes"]) > 1
+        for mode in own["modes"]
+    ]
 
 
 def latitudes(each: Sequence[dict]) -> list[str]:

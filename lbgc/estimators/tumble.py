@@ -154,10 +154,9 @@ def _several(modes: tuple[Mode, ...]) -> list[str]:
     """What to say where the headings can be held in several ways."""
     if len(modes) < 2:
         return []
-    weights = ", ".join(f"{own.weight:.0%}" for own in modes[:6])
     return [
-        f"{len(modes)} ways to hold the headings fit, of probability {weights}: a pose at another "
-        "heading, or on another side, would tell which"
+        f"{len(modes)} ways to hold the headings fit: a pose at another heading, or on another "
+        "side, would tell which"
     ]
 
 
