@@ -132,6 +132,17 @@ def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross))
 
 
+def one_after_the_other(vectors: np.ndarray) -> np.ndarray:
+    """The rotation that turns make one after the other, each about the axes that the last has
+    turned, from the axes behind them to those before: (m, 3), rad, rotation vectors -> (3, 3)."""
+    found = rotation_matrix(vectors)
+    while len(found) > 1:
+        if len(found) % 2:
+            found = np.concatenate([found, np.eye(3)[None]])
+        found = found[::2] @ found[1::2]
+    return np.asarray(found[0] if len(found) else np.eye(3))
+
+
 def skew(vector: np.ndarray) -> np.ndarray:
     """The matrix whose product with w is the cross product vector x w: (*S, 3) -> (*S, 3, 3)."""
     x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)

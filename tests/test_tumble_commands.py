@@ -132,6 +132,28 @@ def test_what_level_poses_cannot_tell_is_said(cli, tmp_path, imu, count, options
     assert says in (done.err if refused else done.out)
 
 
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["log.gyro_unit=deg/s"], "their unit is 57.3 times as large: rad/s where deg/s was taken"),
+        (["log.gyro_scale=57.29577951"], "57.3 times as small: deg/s where rad/s was taken"),
+        (["log.gyro_scale=-1"], "their signs are the other ones"),
+        (["log.accel_axes=[y,x,-z]"], "the gyros' axes are not the accelerometers'"),
+    ],
+)
+def test_gyros_that_do_not_carry_gravity_from_pose_to_pose_are_refused(
+    cli, one, tmp_path, options, says
+):
+    file = tmp_path / "mine.csv"
+    as_log(one, file)
+    asked = ("lbgc.evaluate", *CSV, f"log.path={file}", "log.latitude=32.76", "imu=stim300",
+             "estimator=tumble", *options)  # fmt: skip
+    done = cli(*asked)
+    assert done.code == 2
+    assert says in done.err
+    assert "from pose to pose the gyros carry down to " in done.err
+
+
 def test_a_latitude_that_nobody_tells_is_asked_for(cli, one, tmp_path):
     file = tmp_path / "mine.csv"
     as_log(one, file)

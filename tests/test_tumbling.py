@@ -263,7 +263,13 @@ def log(dataset, tmp_path_factory):
     return file, record
 
 
-LOG = ("log=csv", "log.latitude=32.76", f"log.rate_hz={RATE_HZ:g}", "imu=bmi160")
+LOG = (
+    "log=csv",
+    "log.gyro_unit=rad/s",
+    "log.latitude=32.76",
+    f"log.rate_hz={RATE_HZ:g}",
+    "imu=bmi160",
+)
 
 
 def test_a_log_is_answered_pose_by_pose(cli, log, known):
@@ -316,15 +322,15 @@ def test_logs_that_are_no_tumble_or_not_so_are_refused(cli, log, known, options,
 
 def test_a_log_whose_listed_poses_were_handled_says_where_it_rests(cli, log, known):
     file, _ = log
-    done = cli("lbgc.evaluate", *LOG, f"log.path={file}", "log.poses=[[22,30],[33,47]]",
+    done = cli("lbgc.evaluate", *LOG, f"log.path={file}", "log.poses=[[23,30],[33,47]]",
                "estimator=tumble")  # fmt: skip
     assert done.code == 2
-    assert "mine from 33 to 47 s: at rest = 0 to 7.44 s: since its start" in done.err
+    assert "mine from 33 to 47 s: at rest = 0.96 to 7.2 s: since its start" in done.err
 
 
 def test_a_log_needs_its_sensor(cli, log, known):
     file, _ = log
-    done = cli("lbgc.evaluate", *LOG[:3], "log.bias_limit_deg_per_h=20000", f"log.path={file}",
+    done = cli("lbgc.evaluate", *LOG[:4], "log.bias_limit_deg_per_h=20000", f"log.path={file}",
                "estimator=tumble")  # fmt: skip
     assert done.code == 2
     assert "imu = None: must be given: what poses tell" in done.err

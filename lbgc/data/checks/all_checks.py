@@ -7,6 +7,7 @@ from itertools import islice
 
 import numpy as np
 
+from lbgc.data.checks.carried import carried_finding
 from lbgc.data.checks.felt import felt_finding, is_felt, late_note
 from lbgc.data.checks.findings import CHECKS, Finding
 from lbgc.data.checks.moved import HELD, PLATE, TURNED, handled_finding, laid_finding, moved_finding
@@ -134,11 +135,17 @@ def _held_findings(
     record: Record, config: LogConfig, imu: ImuModel | None, north: bool
 ) -> Iterator[Finding]:
     """The findings on a recording of an IMU that is held in several attitudes: on the values of
-    each, and on units by the means of the first. No attitude is wrong."""
-    parts = [rest.of(record) for rest in rests(record)]
+    each, on the turns between them, and on units by the means of the first. No attitude is
+    wrong."""
+    found = rests(record)
+    parts = [rest.of(record) for rest in found]
     handled = (handled_finding(part) or moved_finding(part, north, HELD) for part in parts)
     yield from islice(filter(None, handled), 1)
     yield from _value_findings_of(parts, config, imu)
+    carried = carried_finding(record, found, config)
+    if carried is not None:
+        yield carried
+        return
     placed = np.isfinite(record.latitude)
     for part in parts[:1]:
         rest = resting(part, config, imu)
