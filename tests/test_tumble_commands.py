@@ -170,3 +170,10 @@ def test_the_unit_of_forces_is_told_by_their_sizes_where_opposite_attitudes_canc
     config = LogConfig(path="mine.csv", latitude=0.0, accel_unit="auto")
     raw = Raw("mine", np.zeros((100, 3)), accel.copy(), config)
     np.testing.assert_allclose(forces(raw, 10.0), accel * unit)
+
+
+def test_a_log_of_several_attitudes_is_said_to_be_a_tumbles(cli, one, tmp_path):
+    file = tmp_path / "mine.csv"
+    as_log(one, file)
+    done = cli("lbgc.look", f"files=[{file}]")
+    assert "it was laid in 6 attitudes: evaluate estimator=tumble finds" in done.out
