@@ -49,6 +49,9 @@ from lbgc.units import DEG, HOUR
 
 COLUMNS = ("heading_deg", "gyro_x_deg_s", "gyro_y_deg_s", "gyro_z_deg_s")
 FORCES = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
+_RATE_HZ = 100.0
+"""Samples a second behind a table's means, which says nothing of them: what depends on it, such as
+rounding, is lost in the mean of thousands."""
 _ONE_SIDED = 0.4
 """Length of the mean of exp(i heading), 1 where all headings are equal, above which a note says
 that they are on one side."""
@@ -113,7 +116,9 @@ class Given:
     tilt: tuple[np.ndarray, np.ndarray] | None
     """Roll and pitch, (R,) each, rad; None without accelerometers"""
     rate_hz: float = 1.0
-    """Samples a second"""
+    """Samples a second of the sensor"""
+    mean_s: float | None = None
+    """What each recording is a mean over, of a table of means"""
 
 
 def main(config: CalibrateConfig) -> Path:
@@ -156,7 +161,7 @@ def _read(config: CalibrateConfig, labels: Labels) -> tuple[Given, ImuConfig | N
                 config.mean_s is not None, "mean_s", None, "must be given with means=FILE and imu"
             )
             assert config.mean_s is not None
-            given = replace(given, rate_hz=1 / config.mean_s)
+            given = replace(given, rate_hz=_RATE_HZ, mean_s=config.mean_s)
             for record in _of_means(given):
                 labels.add(record)
         return given, config.imu
@@ -190,6 +195,7 @@ def _read(config: CalibrateConfig, labels: Labels) -> tuple[Given, ImuConfig | N
 def _of_means(given: Given) -> Iterator[Record]:
     """Recordings that are one sample each, of a table of means; level where it has no forces."""
     means, session = given.means, given.session
+    assert given.mean_s is not None
     for k, name in enumerate(means.names):
         latitude = float(means.latitude[k])
         force = means.force[k]
@@ -200,7 +206,7 @@ def _of_means(given: Given) -> Iterator[Record]:
             means.rates[k : k + 1],
             force[None],
             np.zeros(1),
-            given.rate_hz,
+            1 / given.mean_s,
             latitude,
             heading_reference=float(means.heading[k]),
             session=None if session is None else f"{session[k]:g}",

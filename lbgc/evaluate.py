@@ -218,6 +218,11 @@ def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], in
         assert config.data is not None
         found = of_dataset(config.data, config.split, config.against, config.known, config.imu)
     if config.calibration is None:
+        if (found[0].configuration or {}).get("calibration") is not None:
+            found[0].notes.append(
+                "its units were drawn from what a calibration tells of one; estimators are told "
+                "the sensor's law alone, unless they are given it too (calibration=FILE)"
+            )
         return found
     sensor = config.imu or build(ImuConfig, (found[0].configuration or {})["imu"])
     unit, said = unit_file.load(config.calibration, sensor), config.data or config.log
@@ -256,9 +261,11 @@ def _setting(config: EvaluateConfig, subject: Subject) -> "Setting":
 
     said = subject.configuration
     if said is None:
-        return Setting(config.imu, records=list(subject.records()))
-    units = int(said["unit_seed"]), int(said["units"])
-    return Setting(build(ImuConfig, said["imu"]), said["protocol"]["name"], units)
+        records = list(subject.records())
+        return Setting(config.imu, records=records, calibration=subject.calibration)
+    units, own = (int(said["unit_seed"]), int(said["units"])), build(ImuConfig, said["imu"])
+    protocol = said["protocol"]["name"]
+    return Setting(own, protocol, units, calibration=subject.calibration)
 
 
 def _pretrained(imu: ImuConfig | None, notes: list[str]) -> "list[Trained]":

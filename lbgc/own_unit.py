@@ -15,16 +15,16 @@ from lbgc.errors import require
 from lbgc.estimators.block_means import MOST_BLOCKS, Course, Site
 from lbgc.estimators.floor import expected_floor
 from lbgc.estimators.information import information
+from lbgc.estimators.static import gls
 from lbgc.estimators.unit_posterior import (
     Posterior,
     Reference,
-    UnitVerdict,
     evidence,
     posterior,
-    simplex,
     undivided,
-    verdict,
 )
+from lbgc.estimators.unit_verdict import UnitVerdict, Way, verdict, ways
+from lbgc.frames import wrap
 from lbgc.outputs import fingerprint
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import LIFETIMES
@@ -97,6 +97,30 @@ class Learned:
     """Whether it shows a constant; None where the split of the bias is stated"""
     sigma: tuple[float, float]
     """rad, the expected error of a heading from one more recording like these, before and now"""
+    foretold: "Foretold | None" = None
+    """What a constant is worth for headings; None where the split of the bias is stated"""
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """Headings of recordings by what the others tell of the unit, with a constant and without."""
+
+    rmse: tuple[float, float]
+    """rad, with a constant and without"""
+    gains: np.ndarray
+    """Of each power-up (of each recording, where there is one power-up): the mean logarithm of the
+    headings' probability density with a constant, less that without"""
+
+    @property
+    def gain(self) -> float:
+        """The mean of the gains."""
+        return float(self.gains.mean())
+
+    @property
+    def gain_sigma(self) -> float:
+        """Its standard error; infinite of one."""
+        n = len(self.gains)
+        return float(self.gains.std(ddof=1) / np.sqrt(n)) if n > 1 else float("inf")
 
 
 def learned(
@@ -132,7 +156,13 @@ def learned(
         windows = [_without(own, imu.model(rate_hz), before.known) for own in windows]
     heading = np.array(labels.heading)
     told = evidence(base, windows, heading, Reference(np.array(labels.errors), offset))
-    found = posterior(base, told, session, now, simplex() if estimated else None)
+    if estimated:
+        part, both = ways(base, told, session)
+        found = posterior(base, told, session, now, both[0].shares, both[0].mass)
+        said: UnitVerdict | None = verdict(both)
+        others = _foretold(base, part, both, windows, labels, offset)
+    else:
+        found, said, others = posterior(base, told, session, now), None, None
     old = () if before is None else before.sessions
     unit, power, run = (_three(found.imu.gyro.bias(life)) for life in LIFETIMES)
     if before is not None or not estimated:
@@ -146,10 +176,34 @@ def learned(
         (*old, *powered),
         now,
     )
-    said = verdict(base, told, session) if estimated else None
     last = windows[-1]
     sizes = tuple(_expected(model, last) for model in (prior, own.told(imu.model(rate_hz))))
-    return Learned(own, found, prior, said, (sizes[0], sizes[1]))
+    return Learned(own, found, prior, said, (sizes[0], sizes[1]), others)
+
+
+def _foretold(
+    base: ImuModel,
+    part: np.ndarray,
+    both: Sequence[Way],
+    windows: list[Windows],
+    labels: Labels,
+    offset: float,
+) -> Foretold:
+    """Each power-up's headings by what the others tell; each recording's by what the others of its
+    power-up do, where there is one. base : undivided; part, both : see `ways`."""
+    rows = [own.rows(slice(k, k + 1)) for own in windows for k in range(len(own))]
+    errors, scores = np.empty((2, len(rows))), np.empty((2, len(rows)))
+    for way, own in enumerate(both):
+        for k, window in enumerate(rows):
+            found = own.others[part[k]]
+            answer = gls(_without(window, base, found.known), found.imu, checked=False)
+            off = float(wrap(answer.heading[0] - labels.heading[k]))
+            variance = float(answer.sigma[0]) ** 2 + labels.errors[k] ** 2 + offset**2
+            errors[way, k] = off
+            scores[way, k] = -off * off / (2 * variance) - np.log(variance) / 2
+    gains = np.bincount(part, scores[0] - scores[1]) / np.bincount(part)
+    with_it, without = np.sqrt(np.mean(errors**2, axis=1)).tolist()
+    return Foretold((with_it, without), gains)
 
 
 def _three(values: np.ndarray) -> tuple[float, float, float]:
@@ -218,26 +272,48 @@ def _of_split(found: Learned, sessions: int) -> list[str]:
     """What the recordings say of how the bias splits, and of a constant."""
     assert found.verdict is not None
     weight, shares = found.posterior.weight, found.posterior.shares
-    mean = weight @ shares
-    low, high = _interval(shares[:, 0], weight)
-    lines = [
-        f"of the bias's variance the unit keeps {mean[0]:.0%} (95%: {low:.0%} to {high:.0%}), a "
-        f"power-up adds {mean[1]:.0%}, a recording {mean[2]:.0%}"
-    ]
+    whole = float(np.sqrt(np.mean(np.square(found.prior.gyro.bias())))) / _DPH
+    parts = []
+    for own, who in zip(
+        shares.T, ("a unit keeps", "a power-up adds", "a recording adds"), strict=True
+    ):
+        low, high = (whole * np.sqrt(end) for end in _interval(own, weight))
+        parts.append(f"{who} {whole * np.sqrt(weight @ own):.3g} ({low:.2g} to {high:.2g})")
+    lines = [f"of its bias, {whole:.3g} deg/h as described, {', '.join(parts)}: 1 sigma, 95%"]
     if sessions < 2:
         lines.append("one power-up: a unit's constant and this power-up's cannot be told apart")
     factor = found.verdict.log_bayes_factor / np.log(10)
-    said = f"log10 of the Bayes factor of a constant of this unit against none: {factor:+.2f}"
+    whose = "this unit" if sessions > 1 else "this unit or its power-up"
+    said = f"log10 of the Bayes factor of a constant of {whose} against none: {factor:+.2f}"
     if len(found.verdict.gains) > 1:
         gain, sigma = found.verdict.gain, found.verdict.gain_sigma
+        each = "power-up" if sessions > 1 else "recording"
         said += (
-            f"; one power-up by the others, log predictive score {gain:+.2f} (standard error "
-            f"{sigma:.2f}) a power-up"
+            f"; data of one {each} by the others', log predictive score {gain:+.2f} (standard "
+            f"error {sigma:.2f})"
         )
     lines.append(said)
+    if found.foretold is not None:
+        lines.append(_of_headings(found.foretold, sessions))
     if factor < 0:
-        lines.append("these recordings show no constant of this unit; expect no gain")
+        lines.append(f"these recordings show no constant of {whose}; expect no gain")
+    elif found.foretold is not None and found.foretold.gain < 0:
+        lines.append(
+            "whatever constant these recordings show, it makes no heading better; expect no gain"
+        )
     return lines
+
+
+def _of_headings(found: Foretold, sessions: int) -> str:
+    """What a constant is worth for headings, in a sentence."""
+    with_it, without = np.rad2deg(found.rmse)
+    whose = "each power-up's headings by what the others tell"
+    if sessions < 2:
+        whose = "each heading by what the power-up's other recordings tell"
+    return (
+        f"{whose}: {with_it:.3g} deg RMS with a constant, {without:.3g} without; log predictive "
+        f"score {found.gain:+.3f} (standard error {found.gain_sigma:.3f}) a heading"
+    )
 
 
 def _interval(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:

@@ -130,9 +130,12 @@ def of_dataset(
 
 def require_of_unit(unit: CalibratedUnit, said: str | logs.LogConfig, split: str) -> None:
     """Raise InputError where recordings, of a dataset's split or of a log, are of several units, or
-    not of the power-up whose own errors are known."""
+    not of the power-up whose own errors are known; but not where they were simulated from what is
+    known."""
     if isinstance(said, str):
         dataset = Dataset.open_finished(said)
+        if dataset.configuration.get("calibration") == unit.checksum:
+            return  # each of its units is one that this may be
         rows = dataset.in_split(split)
         count = len(np.unique(dataset.label("unit")[rows]))
         require(count == 1, "data", said, f"has {count} units, and a calibration is of one")
@@ -167,6 +170,7 @@ def of_unit(
         subject,
         notes=[*subject.notes, note],
         imu=unit.told(law),
+        calibration=unit.checksum,
         records=lambda: [off(record) for record in plain()],
     )
     return own, (replace(each, record=off(each.record)) for each in records), count

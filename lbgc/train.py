@@ -5,6 +5,7 @@ python lbgc/train.py data=PATH
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from safetensors.torch import save
 from tqdm import tqdm
 
 from lbgc.commands import run_main
-from lbgc.data import picture
+from lbgc.data import picture, unit_file
+from lbgc.data.compensated import without_mean
 from lbgc.data.record import whole_multiple
 from lbgc.data.store import Dataset
+from lbgc.data.unit_file import CalibratedUnit
 from lbgc.data.windows import Labelled, stack
 from lbgc.earth import heading_exists
 from lbgc.errors import (
@@ -40,6 +43,8 @@ from lbgc.prospects import prospects
 from lbgc.report import history
 from lbgc.report.figures import loss_curve, png
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.imu import ImuModel
+from lbgc.subjects import require_of_unit
 
 _MOST_THREADS = 1024
 CHECKPOINT = "checkpoint.safetensors"
@@ -55,6 +60,9 @@ class TrainConfig:
     stream: bool = False
     """false: train on the stored recordings, augmented. true: draw new ones at every step, by the
     dataset's own sensor model; stored recordings then serve for validation."""
+    calibration: str | None = None
+    """What is known of the one unit that the network is for, a file that `calibrate` wrote: its
+    means are taken off the recordings, which are the unit's own, or simulated from this file."""
     mean_s: float = 5.0
     """Length of the means that the model works on."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 240.0])
@@ -131,6 +139,7 @@ class TrainConfig:
         """The part of the configuration on which the trained weights depend."""
         content = asdict(self)
         del content["checkpoint_every"], content["tensorboard"], content["threads"]
+        del content["calibration"]  # what it says counts, and not where it lies
         return content
 
     def plan(self, longest_s: float, reference_error_deg: float) -> TrainingPlan:
@@ -160,15 +169,19 @@ def main(config: TrainConfig) -> Path:
     """
     datasets = [Dataset.open_finished(path) for path in config.paths]
     content = {**config.content(), "data": _identity(datasets), "format": FORMAT}
+    unit = _unit(config, datasets)
+    if unit is not None:
+        content["calibration"] = unit.checksum
     run = task_directory("train", fingerprint(content))
     if (run / DESCRIPTION).exists() and _is_whole(run):
         print("this run is already finished")
         mark_latest(run)
         return run
     _check_demand(config, datasets)
-    trainer = trainer_of(config, datasets)
+    trainer = trainer_of(config, datasets, unit)
     if not config.model.sways:
-        said = prospects(datasets[0].configuration, max(trainer.plan.windows_steps))
+        told = None if unit is None else unit.told(_law(datasets[0]))
+        said = prospects(datasets[0].configuration, max(trainer.plan.windows_steps), told)
         if said is not None:
             print(said, flush=True)
 
@@ -179,7 +192,7 @@ def main(config: TrainConfig) -> Path:
             board.write(run / "tensorboard", looks[-1])
 
     trainer.run(run / CHECKPOINT, on_look)
-    _save(run, config, datasets, trainer)
+    _save(run, config, datasets, trainer, unit)
     (run / CHECKPOINT).unlink(missing_ok=True)
     mark_latest(run)
     return run
@@ -195,11 +208,13 @@ def _check_demand(config: TrainConfig, datasets: Sequence[Dataset]) -> None:
     demand.check(config.model, config.batch, config.tempering, steps, config.steps, round(means))
 
 
-def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
-    """A training on these datasets that has not begun."""
-    train, validation = (_load(datasets, split, config) for split in ("train", "validation"))
-    first = datasets[0].configuration
-    imu = build(ImuConfig, first["imu"]).model(float(first["rate_hz"]))
+def trainer_of(
+    config: TrainConfig, datasets: Sequence[Dataset], unit: CalibratedUnit | None = None
+) -> Trainer:
+    """A training on these datasets that has not begun. unit : what is known of theirs."""
+    train, validation = (_load(datasets, split, config, unit) for split in ("train", "validation"))
+    law = _law(datasets[0])
+    imu = law if unit is None else unit.told(law)
     sensed = Sensed(config.model, 1 / config.mean_s, imu)
     plan = config.plan(train.windows.duration_s, _reference_error_deg(datasets))
     source: Examples
@@ -211,11 +226,29 @@ def trainer_of(config: TrainConfig, datasets: Sequence[Dataset]) -> Trainer:
             check_field(config.augment, imu)
         windows: Source = Stored(train, units, config.augment, imu.gyro)
         if config.stream:
-            windows = Streamed.of(datasets[0], datasets[0].in_split("train"), train)
+            windows = Streamed.of(datasets[0], datasets[0].in_split("train"), train, unit)
         if config.randomise.is_on:
             windows = Randomised(windows, config.randomise, imu)
         source = Drawn(windows, sensed)
     return Trainer(plan, source, sensed, train, validation)
+
+
+def _unit(config: TrainConfig, datasets: Sequence[Dataset]) -> CalibratedUnit | None:
+    """What is known of the unit that a network is for. Raises InputError where the datasets are of
+    another sensor, of several units, or of another power-up than is known."""
+    if config.calibration is None:
+        return None
+    for path, dataset in zip(config.paths, datasets, strict=True):
+        unit = unit_file.load(config.calibration, build(ImuConfig, dataset.configuration["imu"]))
+        for split in ("train", "validation"):
+            require_of_unit(unit, path, split)
+    return unit
+
+
+def _law(dataset: Dataset) -> ImuModel:
+    """The model of a dataset's sensor."""
+    said = dataset.configuration
+    return build(ImuConfig, said["imu"]).model(float(said["rate_hz"]))
 
 
 def _identity(datasets: Sequence[Dataset]) -> str | list[str]:
@@ -243,16 +276,19 @@ def _draw(run: Path, looks: Sequence[Mapping[str, float]]) -> None:
     write_atomically(run / _CURVE, png(loss_curve(looks), dpi=150))
 
 
-def _load(datasets: Sequence[Dataset], split: str, config: TrainConfig) -> Labelled:
+def _load(
+    datasets: Sequence[Dataset], split: str, config: TrainConfig, unit: CalibratedUnit | None
+) -> Labelled:
     """A split's whole recordings at the model's rate, or at the dataset's own where the model takes
-    samples."""
+    samples, with the means of what is known of the unit taken off."""
     parts: list[Labelled] = []
     for path, dataset in zip(config.paths, datasets, strict=True):
         indices = dataset.in_split(split)
         require(len(indices) > 0, "data", path, f"has no recordings in its {split} split")
-        records = tqdm(
-            dataset.records(indices), f"reading {split}", len(indices), leave=False, unit="rec"
-        )
+        read = dataset.records(indices)
+        if unit is not None:
+            read = map(partial(without_mean, imu=_law(dataset), known=unit.known), read)
+        records = tqdm(read, f"reading {split}", len(indices), leave=False, unit="rec")
         rate = dataset.rate_hz if config.model.sways else 1 / config.mean_s
         parts.append(stack(records, rate))
         own, first = parts[-1].windows, parts[0].windows
@@ -288,7 +324,13 @@ def _reference_error_deg(datasets: Sequence[Dataset]) -> float:
     return errors[0]
 
 
-def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: Trainer) -> None:
+def _save(
+    run: Path,
+    config: TrainConfig,
+    datasets: Sequence[Dataset],
+    trainer: Trainer,
+    unit: CalibratedUnit | None,
+) -> None:
     """Write all files of a run, the description last, since it marks the run as finished."""
     _draw(run, trainer.history)
     looks = history.compose(trainer.history)
@@ -315,6 +357,8 @@ def _save(run: Path, config: TrainConfig, datasets: Sequence[Dataset], trainer: 
         "seconds": round(trainer.seconds, 1),
         "history": history.checksum(looks),
     }
+    if unit is not None:
+        said["calibration"] = unit.content
     write_atomically(run / DESCRIPTION, description.compose(said, stored))
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from lbgc.attitudes import with_attitudes
 from lbgc.frames import wrap
 from lbgc.protocol import Plan, plan
-from lbgc.sensor import errors, streams
+from lbgc.sensor import errors, streams, unit
 from lbgc.sensor.errors import Drawn, Surroundings
 from lbgc.sensor.imu import Timing, Triad
+from lbgc.sensor.known import Known
 from lbgc.sensor.streams import Purpose
 
 from . import motion
@@ -31,12 +32,18 @@ class Sensor:
     accel: Triad
     timing: Timing
     config: GenerateConfig
+    known: Known | None = None
+    """What is known of its units, which have coefficients of this law in place of the triads' own
+    """
 
     @classmethod
     def of(cls, config: GenerateConfig) -> "Sensor":
         """The sensor that a configuration states."""
-        imu = config.imu
-        return cls(imu.gyro.triad(), imu.accel.triad(), imu.timing.timing(), config)
+        imu, own = config.imu, config.calibrated
+        gyro, known = imu.gyro.triad(), None
+        if own is not None:
+            gyro, known = own.with_bias(gyro), own.known
+        return cls(gyro, imu.accel.triad(), imu.timing.timing(), config, known)
 
     def triads(self) -> tuple[tuple[str, Triad, Purpose], ...]:
         """Both triads, with their names in the dataset and the purposes of their random numbers."""
@@ -45,13 +52,19 @@ class Sensor:
     def lasting(self, rows: Sequence[int]) -> dict[Purpose, Drawn]:
         """Errors of each triad that last, drawn once a unit and session: one row a recording."""
         seed, units = self.config.unit_seed, self.config.units
-        unit, session = _lifetimes(self.config, rows)
-        own, row = np.unique(session * units + unit, return_inverse=True)
+        serial, session = _lifetimes(self.config, rows)
+        own, row = np.unique(session * units + serial, return_inverse=True)
         drawn: dict[Purpose, list[Drawn]] = {purpose: [] for _, _, purpose in self.triads()}
         for of_session, of_unit in (divmod(k, units) for k in own.tolist()):
             rngs = streams.unit(seed, of_unit), streams.session(seed, of_unit, of_session)
-            for _, triad, purpose in self.triads():
-                drawn[purpose].append(triad.draw_unit(rngs[0]) | triad.draw_session(rngs[1]))
+            both = [
+                triad.draw_unit(rngs[0]) | triad.draw_session(rngs[1])
+                for _, triad, _ in self.triads()
+            ]
+            if self.known is not None:
+                unit.redraw(self.known, rngs[0], *both)
+            for (_, _, purpose), one in zip(self.triads(), both, strict=True):
+                drawn[purpose].append(one)
         return {purpose: _rows(each, row) for purpose, each in drawn.items()}
 
     def drawn(

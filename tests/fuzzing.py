@@ -3,6 +3,7 @@
 Used by test_fuzz.py, a few cases each, and by `make study-fuzz`, many, in processes of their own.
 """
 
+import contextlib
 import hashlib
 import json
 import os
@@ -26,13 +27,14 @@ from written import EVERY, is_installed, keys_of, rows
 from lbgc import user_yaml
 from lbgc.calibrate import COLUMNS
 from lbgc.commands import CONF
-from lbgc.data import files, logs, manifest, store
+from lbgc.data import files, logs, manifest, store, unit_file
 from lbgc.data.documents import Layout
 from lbgc.data.logs import LogConfig
 from lbgc.data.place import Place
 from lbgc.data.record import mock_record
 from lbgc.data.schema import VARIABLES
 from lbgc.data.store import Dataset
+from lbgc.data.unit_file import CalibratedUnit
 from lbgc.data.windows import Labelled
 from lbgc.errors import InputError, build, reading
 from lbgc.evaluate import EvaluateConfig
@@ -42,8 +44,10 @@ from lbgc.learning.batches import Drawn, Sensed, Stored
 from lbgc.learning.estimator import WEIGHTS, Learned, load_net
 from lbgc.learning.model import ModelConfig, make
 from lbgc.learning.trainer import Trainer, TrainingPlan
-from lbgc.outputs import UNSEALED, fingerprint, seal
+from lbgc.outputs import UNSEALED, as_json, fingerprint, seal
 from lbgc.sensor.datasheet import ImuConfig
+from lbgc.sensor.known import Known
+from lbgc.sensor.unit import coefficients
 
 MOCK = mock_record()
 NAMES = ["t", "w_x", "w_y", "w_z", "f_x", "f_y", "f_z"]
@@ -291,7 +295,7 @@ def _yaml(group: str, name: str, config: type) -> Reader:
 # --- models and checkpoints -------------------------------------------------------------------
 
 _MODEL = ModelConfig("tiny", layers=1, hidden=2)
-_IMU = ImuConfig(name="tiny")
+_IMU = build(ImuConfig, {"name": "tiny", "gyro": {"bias_unit_deg_per_h": 1.0}})
 
 
 @cache
@@ -324,6 +328,35 @@ def _checkpoint(home: Path) -> Reader:
     return Reader({file.name: file.read_bytes()}, read, bool, reseal=reseal, exact=True)
 
 
+def _known() -> CalibratedUnit:
+    """What is known of a unit of the small network's sensor."""
+    own = coefficients(_IMU.model(600.0), "unit")
+    sigma = np.array(list(own.values()))
+    known = Known(tuple(own), 0.5 * sigma, np.diag(0.3 * sigma**2))
+    sizes = (1e-6,) * 3, (2e-6,) * 3, (3e-6,) * 3
+    return CalibratedUnit(_IMU.name, fingerprint(asdict(_IMU)), sizes, known, 5, ("a",), None)
+
+
+def _unit() -> Reader:
+    def read(home: Path) -> object:
+        own = unit_file.load(str(home / "unit.json"), _IMU)
+        left = own.told(_IMU.model(600.0)).gyro
+        return [*left.bias().tolist(), *own.known.mean.tolist(), *own.known.sigma.tolist()]
+
+    def reseal(home: Path) -> None:
+        file = home / "unit.json"
+        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            said = json.loads(file.read_bytes())
+            del said["sha256"]
+            said["sha256"] = hashlib.sha256(
+                as_json(said, indent=None, sort_keys=True).encode()
+            ).hexdigest()
+            file.write_text(as_json(said))
+
+    content = as_json(_known().content, indent=1).encode()
+    return Reader({"unit.json": content}, read, _possible_headings, reseal=reseal, exact=True)
+
+
 def _model() -> Reader:
     weights = save(make(_MODEL, seed=1).state_dict())
     said = {
@@ -332,6 +365,7 @@ def _model() -> Reader:
         "dataset": "x", "protocol": "static", "latitude_deg": [32.0, 33.0],
         "imu_rate_hz": 600.0, "seconds": 1.0,
         "units": {"unit_seed": 4, "units": 1, "imu": asdict(_IMU)},
+        "calibration": _known().content,
     }  # fmt: skip
 
     def read(home: Path) -> object:
@@ -506,6 +540,7 @@ def readers(home: Path) -> dict[str, Reader]:
         "log yaml": _yaml("log", "csv", LogConfig),
         "checkpoint": _checkpoint(home),
         "model": _model(),
+        "unit": _unit(),
         "store payload": of_store(payload),
         "store documents": of_store(documents),
         "manifest": of_store(rows),

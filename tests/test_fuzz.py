@@ -16,8 +16,8 @@ from lbgc.errors import InputError
 from lbgc.learning import checkpoint
 
 CHEAP = {"csv": 60, "recordings": 40, "means": 40, "parquet": 60, "psins": 60, "imu yaml": 30,
-         "log yaml": 30, "checkpoint": 30, "model": 40, "store payload": 8, "store documents": 15,
-         "manifest": 10,
+         "log yaml": 30, "checkpoint": 30, "model": 40, "unit": 40, "store payload": 8,
+         "store documents": 15, "manifest": 10,
          **dict.fromkeys(FORMATS, 4),
          **dict.fromkeys(("text gz", "npy", "npz", "rows"), 40), "npy 3.0": 20}  # fmt: skip
 

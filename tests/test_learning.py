@@ -374,6 +374,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "clip": "clip=0.01",
         "validate_every": "validate_every=1",
         "stream": "stream=true",
+        "calibration": None,  # one unit's: tests/test_my_unit.py
         "schedule": "schedule=cosine",
         "warm_up": None,  # of models that state a sigma: tests/test_swaying.py
         "tempering": None,  # likewise: tests/test_residual.py

@@ -1,6 +1,7 @@
 """A unit of one's own: labelled recordings become a file, and what takes it is better for it."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,6 +41,10 @@ def test_labelled_recordings_make_north_better(cli, of_one_unit, tmp_path):
     assert "known of this SDC500 as measured now, by 12 labelled recordings of 4" in done.out
     assert "a power-up adds" in done.out
     assert "expect no gain" not in done.out
+    with_it, without = re.search(
+        r"([\d.]+) deg RMS with a constant, ([\d.]+) without", done.out
+    ).groups()
+    assert float(with_it) < 0.5 * float(without)
     path = f"calibration={Path(done.last_line).with_name('unit.json')}"
     ask = ("data=asked.zarr", "estimators=[mean,gls,ekf,floor]", "windows_s=[240]")
     before = {
@@ -56,20 +61,39 @@ def test_labelled_recordings_make_north_better(cli, of_one_unit, tmp_path):
     assert "what is left of the unit" in bound.out
 
 
-def means(path: Path, sessions: range) -> str:
-    """Means of three recordings of each of these power-ups, of a unit with biases."""
+def means(
+    path: Path, sessions: range, unit: tuple = (1.2, -0.8, 0.5), power_up: tuple = (0.3, 0.3, 0.3)
+) -> str:
+    """Means of three recordings of each of these power-ups, of a unit with these biases, deg/h, and
+    what each power-up adds."""
     rng = np.random.default_rng(sessions.start)
     rows = []
     for session in sessions:
-        own = 0.3 * rng.standard_normal(3)
+        own = power_up * rng.standard_normal(3)
         for heading in rng.uniform(0, 360, 3):
             earth = EARTH_RATE * np.array([np.cos(0.6), 0.0, -np.sin(0.6)])
             truth = earth @ rotation_z(heading * DEG) / DEG
-            error = np.array([1.2, -0.8, 0.5]) + own + 0.2 * rng.standard_normal(3)
+            error = np.array(unit) + own + 0.2 * rng.standard_normal(3)
             rows.append([heading, *(truth + error / 3600), session])
     head = "heading_deg,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s,session"
     np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.12g")
     return str(path)
+
+
+def test_a_constant_that_turns_no_heading_is_no_gain(cli, tmp_path):
+    """Of the vertical gyro alone: recordings show it beyond doubt, and no heading is better for it.
+    The table's means are of many samples: what is expected before is what `bound` says."""
+    means(tmp_path / "table.csv", range(12), unit=(0, 0, 3), power_up=(1, 1, 0.1))
+    base = ("imu=sdc500", "mean_s=240", "latitude=34.37746770784939")
+    done = cli("lbgc.calibrate", "means=table.csv", *base)
+    assert done.code == 0, done.err
+    factor = float(re.search(r"constant of this unit against none: ([+-][\d.]+)", done.out)[1])
+    assert factor > 2
+    assert "whatever constant these recordings show, it makes no heading better" in done.out
+    before = float(re.search(r"([\d.]+) deg before", done.out)[1])
+    bound = cli("lbgc.bound", "imu=sdc500", base[-1], "windows_s=[240]")
+    floor = json.loads((tmp_path / bound.last_line / "bound.json").read_text())["bounds"][0]
+    assert before == pytest.approx(floor["floor_deg"], rel=0.02)
 
 
 def test_an_update_is_what_all_recordings_at_once_give(cli, tmp_path):

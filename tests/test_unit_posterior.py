@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floor_cases import STATIC, Case
+from unit_floor import simplex
 
 from lbgc.data.windows import Windows
 from lbgc.earth import EARTH_RATE, normal_gravity
@@ -16,7 +17,6 @@ from lbgc.estimators.unit_posterior import (
     Reference,
     evidence,
     posterior,
-    simplex,
     undivided,
 )
 from lbgc.frames import rotation_z

@@ -144,3 +144,11 @@ def estimate(log: np.ndarray) -> tuple[float, float]:
     weight /= weight.sum()
     middle = float(np.angle(weight @ np.exp(1j * GRID)))
     return middle, float(np.sqrt(weight @ wrap(GRID - middle) ** 2))
+
+
+def simplex(fineness: int = 8) -> np.ndarray:
+    """Shares, (fineness^2, 3): the centres of the equal triangles into which the simplex is cut."""
+    lower = [(i + 1 / 3, j + 1 / 3) for i in range(fineness) for j in range(fineness - i)]
+    upper = [(i + 2 / 3, j + 2 / 3) for i in range(fineness) for j in range(fineness - i - 1)]
+    two = np.array([*lower, *upper]) / fineness
+    return np.column_stack([two, 1 - two.sum(axis=1)])

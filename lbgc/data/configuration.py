@@ -159,6 +159,8 @@ class _Stored(DatasetConfig):
     """A configuration as a dataset has it."""
 
     scene: _Bench = field(kw_only=True)
+    calibration: str | None = None
+    """The checksum of the file from which its units were drawn; null: the sensor's law"""
 
 
 def check(said: Mapping[str, Any], layout: Layout) -> None:

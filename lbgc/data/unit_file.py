@@ -12,7 +12,7 @@ from lbgc.errors import InputError, reading, require
 from lbgc.outputs import as_json, fingerprint, read_file, shown, write_atomically
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import LIFETIMES, Triple
-from lbgc.sensor.imu import ImuModel
+from lbgc.sensor.imu import ImuModel, Triad
 from lbgc.sensor.known import Coefficient, Known
 from lbgc.sensor.unit import coefficients, told
 
@@ -44,11 +44,28 @@ class CalibratedUnit:
 
     def told(self, imu: ImuModel) -> ImuModel:
         """The sensor's model when this is known, and its means are taken off."""
-        sizes = dict(zip(LIFETIMES, self.bias, strict=True))
-        return told(replace(imu, gyro=imu.gyro.with_bias(**sizes)), self.known)
+        return told(replace(imu, gyro=self.with_bias(imu.gyro)), self.known)
+
+    def with_bias(self, gyro: Triad) -> Triad:
+        """The gyros with biases of the sizes that the unit was found to have."""
+        return gyro.with_bias(**dict(zip(LIFETIMES, self.bias, strict=True)))
+
+    @property
+    def checksum(self) -> str:
+        """The SHA-256 of all that its file says, by which datasets and models name it."""
+        return _checksum(self._said())
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """All that its file says."""
+        return {**self._said(), "sha256": self.checksum}
 
     def save(self, path: Path) -> None:
         """Write the file."""
+        write_atomically(path, as_json(self.content, indent=1) + "\n")
+
+    def _said(self) -> dict[str, Any]:
+        """What its file says, but for the checksum."""
         said = {"format": _FORMAT, **asdict(replace(self, known=None))}  # type: ignore[arg-type]
         said |= {
             "coefficients": [[c.triad, c.error, c.i, c.j] for c in self.known.coefficients],
@@ -56,8 +73,8 @@ class CalibratedUnit:
             "covariance": self.known.covariance,
         }
         del said["known"]
-        written = json.loads(as_json(said))
-        write_atomically(path, as_json(written | {"sha256": _checksum(written)}, indent=1) + "\n")
+        said = json.loads(as_json(said))
+        return dict(said)
 
 
 def load(path: str, imu: ImuConfig) -> CalibratedUnit:
@@ -65,20 +82,28 @@ def load(path: str, imu: ImuConfig) -> CalibratedUnit:
     sensor than this."""
     with reading("calibration", path):
         said = json.loads(read_file(Path(path).expanduser(), _MOST_BYTES))
+    return parse(said, imu, path)
+
+
+def parse(said: Any, imu: ImuConfig, where: object) -> CalibratedUnit:
+    """The unit of which this is the file's content; where : the file as an error names it. Raises
+    InputError as `load` does."""
+    with reading("calibration", where):
+        said = dict(said)
         checksum = said.pop("sha256")
         whole = said["format"] == _FORMAT and checksum == _checksum(said)
-    require(whole, "calibration", path, "is damaged, or no file of a unit (calibrate writes one)")
-    with reading("calibration", path):
+    require(whole, "calibration", where, "is damaged, or no file of a unit (calibrate writes one)")
+    with reading("calibration", where):
         own = _unit(said)
     alike = own.law == fingerprint(asdict(imu))
     about = f"is of {shown(own.sensor)} as it was described; {imu.name} is another, or has changed"
-    require(alike, "calibration", path, about)
+    require(alike, "calibration", where, about)
     usual, widest = coefficients(imu.model(1.0), *LIFETIMES), float(np.max(own.bias))
     fits = all(
         c in usual and abs(mean) <= _MOST_SIGMAS * max(usual[c], widest)
         for c, mean in zip(own.known.coefficients, own.known.mean.tolist(), strict=True)
     )
-    require(fits, "calibration", path, "does not fit its sensor")
+    require(fits, "calibration", where, "does not fit its sensor")
     return own
 
 

@@ -14,9 +14,9 @@ alone has is eliminated, and the sum over power-ups and the prior make the poste
 same as the joint covariance of all recordings gives.
 
 How a gyro's bias splits into what a unit keeps, a power-up adds and a recording adds may itself be
-unknown. Then the shares of its variance are uniform on the simplex beforehand (Dirichlet(1, 1, 1);
-the same for all axes, whose sum is the model's), the posterior is the mixture over the shares,
-weighted by their evidence, and it is stated by its first two moments.
+unknown (lbgc.estimators.bias_split; the same for all axes, whose sum is the model's). Then the
+posterior is the mixture over the shares, weighted by their evidence, and it is stated by its first
+two moments.
 """
 
 from collections.abc import Sequence
@@ -44,8 +44,6 @@ from lbgc.sensor.imu import ImuModel
 from lbgc.sensor.known import Coefficient, Known
 from lbgc.sensor.unit import coefficients
 
-_FINENESS = 8
-"""Cells along each side of the simplex of shares."""
 Shares = tuple[float, float, float]
 """Shares of a bias's variance that a unit keeps, a power-up adds and a recording adds."""
 
@@ -150,6 +148,8 @@ class Posterior:
     """(S, 3), the splits that were weighed; one, where the split is the model's"""
     weight: np.ndarray
     """(S,), the posterior probability of each"""
+    logs: np.ndarray
+    """(S,), logarithm of the recordings' probability by each, as below"""
     log_evidence: float
     """Logarithm of the recordings' probability by the model, less that of a model without any of
     these coefficients"""
@@ -161,31 +161,82 @@ def posterior(
     session: np.ndarray,
     now: object | None = None,
     shares: np.ndarray | None = None,
+    mass: np.ndarray | None = None,
 ) -> Posterior:
     """The posterior of a unit. imu : the model that `told` was made with; session : (R,), the
     power-up that each recording is from; now : the power-up that is still on, whose own errors are
     known likewise; None: it has been switched off. shares : (S, 3), the splits of the gyros' bias
-    to weigh alike, where `imu` has the whole bias in each lifetime (see `undivided`)."""
+    to weigh, and mass : (S,), how probable each is beforehand (None: all alike), where `imu` has
+    the whole bias in each lifetime (see `undivided`)."""
+    part = _parts(session, now)
+    every = np.ones((1, part.max(initial=-1) + 1))
+    return _posteriors(imu, told, session, now, shares, mass, every)[0]
+
+
+def of_others(
+    imu: ImuModel,
+    told: Evidence,
+    session: np.ndarray,
+    now: object | None,
+    shares: np.ndarray,
+    mass: np.ndarray,
+) -> tuple[np.ndarray, list[Posterior]]:
+    """The part, (R,), that each recording belongs to, a power-up, or a recording of that which is
+    still on; and of each part the posterior by all others. Arguments : as of `posterior`."""
+    part = _parts(session, now)
+    others = 1.0 - np.eye(part.max() + 1)
+    return part, _posteriors(imu, told, session, now, shares, mass, others)
+
+
+def _parts(session: np.ndarray, now: object | None) -> np.ndarray:
+    """Which recordings, (R,), tell of the unit together: those of a power-up that is over, whose
+    errors they share; and each of that which is still on."""
+    _, number = np.unique(session, return_inverse=True)
+    alone = len(session) + np.arange(len(session))
+    return np.unique(np.where(session == now, alone, number), return_inverse=True)[1]
+
+
+def _posteriors(
+    imu: ImuModel,
+    told: Evidence,
+    session: np.ndarray,
+    now: object | None,
+    shares: np.ndarray | None,
+    mass: np.ndarray | None,
+    several: np.ndarray,
+) -> list[Posterior]:
+    """The posterior by some of the parts, for each of K choices of them, (K, P), 1 or 0."""
     power = "session" if now is not None else None
     lasts = [_lifetime(imu, c) for c in told.coefficients]
     names = [k for k, lifetime in enumerate(lasts) if lifetime in ("unit", power)]
     every = np.ones((1, 3)) if shares is None else shares
-    found = [_posterior(told, lasts, session, now, _prior(imu, told, own), names) for own in every]
-    means, covariances, logs = (np.array(each) for each in zip(*found, strict=True))
-    weight = np.exp(logs - logs.max())
-    log_evidence = float(logs.max() + np.log(weight.mean()))
-    weight /= weight.sum()
-    mean, sigma = weight @ means, told.sigma[names]
-    off = means - mean
-    covariance = np.einsum("s,sij->ij", weight, covariances + off[:, :, None] * off[:, None])
+    part, sigma = _parts(session, now), told.sigma[names]
     which = tuple(told.coefficients[k] for k in names)
     before = (
         {} if imu.known is None else dict(zip(imu.known.coefficients, imu.known.mean, strict=True))
     )
     already = np.array([before.get(c, 0.0) for c in which])
-    known = Known(which, already + sigma * mean, covariance * sigma * sigma[:, None])
-    split = imu if shares is None else divided(imu, weight @ every)
-    return Posterior(known, unit.told(split, known), every, weight, log_evidence)
+    found = []
+    for own in every:
+        prior = _prior(imu, told, own)
+        (h, J, log), kept = _sums(told, lasts, part, session == now, prior)
+        sums = several @ h, np.tensordot(several, J, 1), several @ log
+        found.append(_concluded(*sums, prior[names][:, kept]))
+    posteriors = []
+    by_choice = (np.stack(each, axis=1) for each in zip(*found, strict=True))
+    for of_mean, of_covariance, of_log in zip(*by_choice, strict=True):
+        before_it = np.full(len(every), 1 / len(every)) if mass is None else mass
+        weight = before_it * np.exp(of_log - of_log.max())
+        log_evidence = float(of_log.max() + np.log(weight.sum()))
+        weight /= weight.sum()
+        mean = weight @ of_mean
+        off = of_mean - mean
+        covariance = np.tensordot(weight, of_covariance, 1) + (weight * off.T) @ off
+        known = Known(which, already + sigma * mean, covariance * sigma * sigma[:, None])
+        split = imu if shares is None else divided(imu, weight @ every)
+        left = unit.told(split, known)
+        posteriors.append(Posterior(known, left, every, weight, of_log, log_evidence))
+    return posteriors
 
 
 def _lifetime(imu: ImuModel, which: Coefficient) -> str:
@@ -209,36 +260,40 @@ def _prior(imu: ImuModel, told: Evidence, shares: np.ndarray) -> np.ndarray:
     return prior
 
 
-def _posterior(
-    told: Evidence,
-    lasts: list[str],
-    session: np.ndarray,
-    now: object | None,
-    prior: np.ndarray,
-    names: list[int],
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The posterior of the unknowns that `names` numbers, mean and covariance by their prior
-    sigmas, and the log evidence. lasts : the lifetime of each coefficient; prior : see `_prior`."""
-    h = told.h @ prior
-    J = prior.T @ told.J @ prior
+def _sums(
+    told: Evidence, lasts: list[str], part: np.ndarray, on: np.ndarray, prior: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """What P parts tell of what lasts through them: h, (P, n), J, (P, n, n), and the logarithms of
+    what was integrated out, (P,); and which of the m unknowns those are. lasts : the lifetime of
+    each coefficient; part : see `_parts`; on : (R,), whether a recording's power-up is still on;
+    prior : see `_prior`."""
     run, power = (np.array([*(own == life for own in lasts), False]) for life in ("run", "session"))
-    h, J, log = _eliminated(h, J, run)
-    power = power[~run]
-    total_h, total_J, total_log = np.zeros(len(power)), np.zeros((len(power),) * 2), log.sum()
-    for label in np.unique(session):
-        own = session == label
-        of_h, of_J = h[own].sum(axis=0), J[own].sum(axis=0)
-        if label != now:
-            one_h, one_J, log = _eliminated(of_h[None], of_J[None], power)
-            of_h, of_J = np.zeros_like(total_h), np.zeros_like(total_J)
-            of_h[~power], of_J[np.ix_(~power, ~power)] = one_h[0], one_J[0]
-            total_log += log[0]
-        total_h, total_J = total_h + of_h, total_J + of_J
-    factor = np.linalg.cholesky(np.eye(len(total_h)) + total_J)
-    half = np.linalg.solve(factor, total_h)
-    total_log += half @ half / 2 - np.log(np.diag(factor)).sum()
-    root = np.linalg.solve(factor, prior[names][:, ~run].T)
-    return root.T @ half, root.T @ root, float(total_log)
+    one_h, one_J, one_log = _eliminated(told.h @ prior, prior.T @ told.J @ prior, run)
+    power, count = power[~run], part.max(initial=-1) + 1
+    member = (part == np.arange(count)[:, None]).astype(float)
+    h, J, log = member @ one_h, np.tensordot(member, one_J, 1), member @ one_log
+    off = np.ones(count, bool)
+    off[part[on]] = False
+    of_h, of_J, of_log = _eliminated(h[off], J[off], power)
+    h[off], J[off], log[off] = 0.0, 0.0, log[off] + of_log
+    h[np.ix_(off, ~power)] = of_h
+    J[np.ix_(off, ~power, ~power)] = of_J
+    return (h, J, log), ~run
+
+
+def _concluded(
+    h: np.ndarray, J: np.ndarray, log: np.ndarray, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, (K, r), and covariance, (K, r, r), of what is asked for, by prior sigmas, and the log
+    evidence, (K,), of what K choices of recordings tell, h (K, n) and J (K, n, n), of unknowns that
+    are normals of variance one before. prior : (r, n), what is asked for by those."""
+    factor = np.linalg.cholesky(np.eye(h.shape[1]) + J)
+    half = np.linalg.solve(factor, h[..., None])[..., 0]
+    size = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    root = np.linalg.solve(factor, np.broadcast_to(prior.T, (len(h), *prior.T.shape)))
+    turned = np.swapaxes(root, 1, 2)
+    log = log + np.einsum("ki,ki->k", half, half) / 2 - size
+    return (turned @ half[..., None])[..., 0], turned @ root, log
 
 
 def _eliminated(
@@ -273,51 +328,3 @@ def divided(imu: ImuModel, shares: np.ndarray) -> ImuModel:
         for life, own in zip(LIFETIMES, shares, strict=True)
     }
     return replace(imu, gyro=imu.gyro.with_bias(**sizes))
-
-
-def simplex(fineness: int = _FINENESS) -> np.ndarray:
-    """Shares, (fineness^2, 3): the centres of the equal triangles into which the simplex is cut."""
-    lower = [(i + 1 / 3, j + 1 / 3) for i in range(fineness) for j in range(fineness - i)]
-    upper = [(i + 2 / 3, j + 2 / 3) for i in range(fineness) for j in range(fineness - i - 1)]
-    two = np.array([*lower, *upper]) / fineness
-    return np.column_stack([two, 1 - two.sum(axis=1)])
-
-
-@dataclass(frozen=True)
-class UnitVerdict:
-    """Whether recordings show a constant of their unit: a part of the gyros' bias that it keeps."""
-
-    log_bayes_factor: float
-    """Of a constant against none, natural logarithm; the shares of what is left uniform"""
-    gains: tuple[float, ...]
-    """Of each power-up: the logarithm of the probability of its recordings given the others' with a
-    constant, less that without"""
-
-    @property
-    def gain(self) -> float:
-        """The mean of the gains."""
-        return float(np.mean(self.gains))
-
-    @property
-    def gain_sigma(self) -> float:
-        """Its standard error; infinite of one."""
-        n = len(self.gains)
-        return float(np.std(self.gains, ddof=1) / np.sqrt(n)) if n > 1 else float("inf")
-
-
-def verdict(imu: ImuModel, told: Evidence, session: np.ndarray) -> UnitVerdict:
-    """Whether recordings show a constant of their unit. imu : undivided, as `told` was made with
-    it; session : (R,), the power-up of each."""
-    with_it = simplex()
-    middles = (np.arange(_FINENESS) + 0.5) / _FINENESS
-    without = np.column_stack([0 * middles, middles, 1 - middles])
-
-    def factor(kept: np.ndarray) -> float:
-        own = replace(told, h=told.h[kept], J=told.J[kept])
-        logs = [posterior(imu, own, session[kept], shares=s).log_evidence
-                for s in (with_it, without)]  # fmt: skip
-        return logs[0] - logs[1]
-
-    whole = factor(np.ones(len(session), bool))
-    gains = [whole - factor(session != label) for label in np.unique(session)]
-    return UnitVerdict(whole, tuple(gains))

@@ -67,6 +67,8 @@ class Description:
     """SHA-256 of the file of weights."""
     checksum: str
     """SHA-256 of this file with zeros in its place."""
+    calibration: Any = None
+    """The content of the file of the one unit that it is for (lbgc.data.unit_file)."""
     history: str | None = None
     """SHA-256 of `history.csv`; runs of earlier versions have none."""
 
@@ -79,6 +81,7 @@ class Description:
         good = len(places) == 2 and -90 <= places[0] <= places[1] <= 90
         require(good, "latitude_deg", places, "must be [low, high], from -90 to 90")
         _plain(self.training, "training", _DEEPEST)
+        _plain(self.calibration, "calibration", _DEEPEST)
         windows = self.training.get("windows_s") if isinstance(self.training, dict) else None
         require(
             bool(windows) and isinstance(windows, list), "windows_s", windows, "must be lengths"

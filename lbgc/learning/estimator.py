@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from lbgc.data import unit_file
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError, build, reading
 from lbgc.estimators.estimate import Estimate, require_down
@@ -39,7 +40,7 @@ class Learned:
     rate_hz: float
     sensor: str
     trained_on: ImuModel
-    """The sensor whose noise weights its base"""
+    """The sensor whose noise weights its base, with what is known of the unit that it is for"""
 
     @classmethod
     def load(cls, run: str | Path) -> "Learned":
@@ -60,6 +61,8 @@ class Learned:
         said."""
         sensor = build(ImuConfig, said["units"]["imu"])
         imu = sensor.model(float(said["imu_rate_hz"]))
+        if said.get("calibration") is not None:
+            imu = unit_file.parse(said["calibration"], sensor, "model.json").told(imu)
         return cls(config, compute, float(said["rate_hz"]), str(said["sensor"]), imu)
 
     @property

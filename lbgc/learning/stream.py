@@ -14,12 +14,14 @@ import numpy as np
 
 from lbgc.data import compensated as draws
 from lbgc.data.store import Dataset
+from lbgc.data.unit_file import CalibratedUnit
 from lbgc.data.windows import Labelled, Windows
 from lbgc.earth import earth_rate_ned, normal_gravities, normal_gravity
-from lbgc.errors import InputError, build
+from lbgc.errors import InputError, build, require
 from lbgc.estimators.plate import mean_turn, on_plate, travel_within
 from lbgc.frames import euler_to_matrix, unrepeated
 from lbgc.sensor import errors
+from lbgc.sensor import unit as known_unit
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.dither import check_means
 from lbgc.sensor.errors import Drawn
@@ -46,9 +48,9 @@ class Streamed:
     attitude: np.ndarray
     """(R, 2), rad, roll and pitch"""
     gyro: Drawn
-    """The gyros' errors of unit and session."""
+    """The gyros' errors of unit and session, less what is known of them."""
     accel: Drawn
-    """The accelerometers' errors of unit and session."""
+    """The accelerometers' errors of unit and session, less what is known of them."""
     imu: ImuModel
     arm_m: float
     """Distance from the plate's axis to the IMU, whose forward axis points away from it."""
@@ -60,13 +62,31 @@ class Streamed:
         return self
 
     @classmethod
-    def of(cls, dataset: Dataset, rows: np.ndarray, recordings: Labelled) -> "Streamed":
-        """The source for these rows of a dataset. recordings : the dataset's at `rows`. Raises
-        InputError where the dataset's bench moves, or where block means cannot represent the
-        sensor's counts."""
+    def of(
+        cls,
+        dataset: Dataset,
+        rows: np.ndarray,
+        recordings: Labelled,
+        unit: CalibratedUnit | None = None,
+    ) -> "Streamed":
+        """The source for these rows of a dataset. recordings : the dataset's at `rows`; unit : the
+        one whose means are taken off what is drawn. Raises InputError where the dataset's bench
+        moves, where it was simulated from another unit's calibration, or where block means cannot
+        represent the sensor's counts."""
         configuration = dataset.configuration
         _check_still(dataset, configuration)
         imu = build(ImuConfig, configuration["imu"]).model(float(configuration["rate_hz"]))
+        lasting = draws.stored(dataset, rows, "unit", "session")
+        if unit is not None:
+            means = known_unit.drawn(imu, unit.known, unit.known.mean)
+            lasting = _less(lasting[0], means[0]), _less(lasting[1], means[1])
+        simulated = configuration.get("calibration")
+        if simulated is not None:
+            own = unit is not None and unit.checksum == simulated
+            about = "must be the one from which this dataset was simulated: stream=true draws on"
+            require(own, "calibration", None if unit is None else unit.checksum[:12], about)
+            assert unit is not None
+            imu = replace(imu, gyro=unit.with_bias(imu.gyro))
         stored = recordings.windows
         turning = float(np.abs(np.diff(stored.plate_angle, axis=1)).max(initial=0.0))
         fastest = turning * stored.rate_hz + 1e-4
@@ -79,7 +99,7 @@ class Streamed:
         return cls(
             recordings,
             np.stack(angles, axis=-1),
-            *draws.stored(dataset, rows, "unit", "session"),
+            *lasting,
             imu,
             float(configuration["scene"]["arm_m"]),
             height,
@@ -143,6 +163,11 @@ class Streamed:
         rate[..., 2] += turning
         force[..., 0] -= self.arm_m * turning**2  # towards the axis, behind the IMU
         return np.swapaxes(rate, 1, 2), np.swapaxes(force, 1, 2), np.swapaxes(field, 1, 2)
+
+
+def _less(drawn: Drawn, means: Drawn) -> Drawn:
+    """What was drawn less what is known of it: to first order, what is left when that is undone."""
+    return {name: values - means[name] for name, values in drawn.items()}
 
 
 def _check_still(dataset: Dataset, configuration: Mapping[str, Any]) -> None:

@@ -55,6 +55,8 @@ class Setting:
     """A dataset's unit_seed and its number of units; None for a real log."""
     records: Sequence[Record] = ()
     """A log's recordings, whose mean rates can show that they are of another unit."""
+    calibration: str | None = None
+    """The checksum of what is known of the unit, whose means were taken off the recordings"""
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,14 @@ class Trained:
         rests = {setting.protocol, self.said["protocol"]} <= set(_RESTING)
         if setting.protocol not in (None, self.said["protocol"]) and not rests:
             found.append(self._refusal(setting.protocol, "", "is not its protocol"))
-        if not self._knows_units:
+        known = (self.said.get("calibration") or {}).get("sha256")
+        if setting.calibration != known:
+            told = "none" if setting.calibration is None else setting.calibration[:12]
+            own_file = "without one" if known is None else f"with that of checksum {known[:12]}"
+            found.append(
+                self._refusal("calibration", told, f"is not its: it was trained {own_file}")
+            )
+        if known is not None or not self._knows_units:
             return found
         if setting.units is not None and setting.units != (own["unit_seed"], own["units"]):
             what = f"is another sensor than unit_seed={own['unit_seed']}, whose bias it learned"

@@ -64,6 +64,8 @@ class Subject:
     configuration: Mapping | None = None
     """The dataset's; None for a real log."""
     picture: Path | None = None
+    calibration: str | None = None
+    """The checksum of what is known of its unit, where that is taken off."""
 
 
 @dataclass(frozen=True)

@@ -62,15 +62,24 @@ def told(imu: ImuModel, known: Known) -> ImuModel:
 def drawn(imu: ImuModel, known: Known, values: np.ndarray) -> tuple[Drawn, Drawn]:
     """What gyros and accelerometers have where the coefficients have these values, (r,), and
     others of the sensor's lasting errors none."""
-    every = []
-    for name, triad in _triads(imu):
-        of_triad = triad.none_drawn()
-        for c, value in zip(known.coefficients, values, strict=True):
-            if c.triad == name:
-                own = of_triad[c.error]
-                own[c.i if own.ndim == 1 else (c.i, c.j)] = value
-        every.append(of_triad)
-    return every[0], every[1]
+    gyro, accel = (triad.none_drawn() for _, triad in _triads(imu))
+    _put(known, values, gyro, accel)
+    return gyro, accel
+
+
+def redraw(known: Known, rng: np.random.Generator, gyro: Drawn, accel: Drawn) -> None:
+    """Draw, of what lasts of a unit's errors, those coefficients anew whose law is known, and put
+    them in their places."""
+    normal = known.correlated @ rng.standard_normal(len(known.mean))
+    _put(known, known.mean + known.sigma * normal, gyro, accel)
+
+
+def _put(known: Known, values: np.ndarray, gyro: Drawn, accel: Drawn) -> None:
+    """Give the coefficients these values, (r,)."""
+    triads = dict(zip(TRIADS, (gyro, accel), strict=True))
+    for c, value in zip(known.coefficients, values, strict=True):
+        own = triads[c.triad][c.error]
+        own[c.i if own.ndim == 1 else (c.i, c.j)] = value
 
 
 def _row(error: Proportional, own: dict[tuple[int, int], float], i: int) -> Triple:

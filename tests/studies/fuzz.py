@@ -4,9 +4,10 @@
 
 Valid examples of every kind (logs, configurations, checkpoints, models, stores, manifests) are
 spoiled in many ways, checksums made to fit in a share of them, and read in worker processes that
-have 1 GB of memory and 10 s a file. A reading must end in InputError or in a possible answer (the
-right one, where checksums are kept), and must not, as an audit hook sees it, import a module, start
-a process, reach for the network, or open what lies outside its directory.
+have 1 GB of memory and 10 s of a core a file (a minute, where it sleeps). A reading must end in
+InputError or in a possible answer (the right one, where checksums are kept), and must not, as an
+audit hook sees it, import a module, start a process, reach for the network, or open what lies
+outside its directory.
 
 Then whole command lines with directories that are brought along (`--config-dir`), made to have
 something run, read, written or told (tests/escapes.py): whether any gets out.
@@ -89,8 +90,8 @@ def case(kind: str, reader: Reader, seed: int, number: int) -> tuple[str, list[S
 def work(home: str, first: int, every: int, at: SynchronizedArray, report: Any) -> None:
     """A worker: the numbers first, first + every... of all cases, in order.
 
-    at : [number, when it was begun (s, 0 between two), bytes at most]. report : a pipe's end that
-    hears (kind, refused or answered or what went wrong, which).
+    at : [number, when it was begun (s, 0 between two), processor time until then]. report : a
+    pipe's end that hears (kind, refused or answered or what went wrong, which).
     """
     import torch
 
@@ -118,7 +119,7 @@ def work(home: str, first: int, every: int, at: SynchronizedArray, report: Any) 
             if kind not in benches or number < first or (number - first) % every:
                 continue
             chosen = case(kind, kinds[kind], CASES["seed"], i)
-            at[0], at[1] = number, time.monotonic()
+            at[0], at[1], at[2] = number, time.monotonic(), spent(os.getpid())
             found = attempt(watch, benches[kind], *chosen)
             at[1] = 0.0
             report.send((kind, found, f"{kind} {i}: {chosen}"))
@@ -169,6 +170,20 @@ LEAN = {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "1",
 """Libraries reserve memory that they may never use, and the limit counts it."""
 
 
+def spent(process: int | None) -> float:
+    """Processor time of a process and its children, s: it does not pass while others have the
+    cores."""
+    found = 0.0
+    try:
+        own = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        found = sum(map(int, own[11:15])) / os.sysconf("SC_CLK_TCK")
+        children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+        found += sum(spent(int(child)) for child in children)
+    except OSError:  # it has ended
+        pass
+    return found
+
+
 class Crew:
     """The workers, each begun again where one is lost."""
 
@@ -180,7 +195,7 @@ class Crew:
 
     def _begin(self, first: int) -> tuple[BaseProcess, SynchronizedArray, Any, int]:
         ours, theirs = self.context.Pipe(duplex=False)
-        at = self.context.Array("d", [first - self.every, 0.0])
+        at = self.context.Array("d", [first - self.every, 0.0, 0.0])
         arguments = (self.home, first, self.every, at, theirs)
         process = self.context.Process(target=work, args=arguments, daemon=True)
         process.start()
@@ -195,7 +210,10 @@ class Crew:
             for i in sorted(running):
                 process, at, ours, first = self.members[i]
                 begun = at[1]
-                late = begun > 0 and time.monotonic() - begun > CASES["seconds"]
+                taken = time.monotonic() - begun if begun > 0 else 0.0
+                late = taken > CASES["seconds"] and (
+                    taken > CASES["asleep_seconds"] or spent(process.pid) - at[2] > CASES["seconds"]
+                )
                 alive = process.is_alive()
                 if late:
                     process.kill()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import cases
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
@@ -21,7 +22,6 @@ NAMES = ["t (s)", *(f"gyro_{x} (deg/s)" for x in "xyz"), *(f"accel_{x} (m/s2)" f
 DIGITS = (3, 7, 7, 7, 6, 6, 6)
 WALK = 2e-10, 1e-7
 """Random walk of the gyros' and accelerometers' biases from sample to sample, rad/s and m/s^2"""
-FORMATS = ("csv", "npy", "parquet")
 
 LAUNCHER = """import json, os, re, resource, subprocess, sys, time
 def family(process):
@@ -105,7 +105,7 @@ def write(kinds: dict[str, Path], hours: float, rate_hz: float, seed: int) -> in
     part = round(min(1800 * rate_hz, rows))
     table = pa.schema([(name, pa.float64()) for name in NAMES])
     with ExitStack() as stack:
-        csv = parquet = fields = None
+        csv = parquet = fields = hdf5 = None
         if "csv" in kinds:
             csv = stack.enter_context(pa.csv.CSVWriter(kinds["csv"], table))
         if "parquet" in kinds:
@@ -113,6 +113,10 @@ def write(kinds: dict[str, Path], hours: float, rate_hz: float, seed: int) -> in
         if "npy" in kinds:
             types = [(name, "<f8") for name in NAMES]
             fields = np.lib.format.open_memmap(kinds["npy"], "w+", types, (rows,))
+        if "h5" in kinds:
+            hdf5 = stack.enter_context(h5py.File(kinds["h5"], "w"))
+            for name in NAMES:
+                hdf5.create_dataset(_key(name), (rows,), "<f8", chunks=True, compression="gzip")
         off = np.zeros(6)
         for number, first in enumerate(tqdm(range(0, rows, part), "day", leave=False)):
             count = min(part, rows - first)
@@ -124,7 +128,15 @@ def write(kinds: dict[str, Path], hours: float, rate_hz: float, seed: int) -> in
             if fields is not None:
                 for name, values in zip(NAMES, columns, strict=True):
                     fields[name][first : first + count] = values
+            if hdf5 is not None:
+                for name, values in zip(NAMES, columns, strict=True):
+                    hdf5[_key(name)][first : first + count] = values
     return rows
+
+
+def _key(name: str) -> str:
+    """A column's name as HDF5 can have it, in which / separates groups."""
+    return name.replace("/s2", " s-2").replace("/s", " s-1")
 
 
 def _part(

@@ -8,7 +8,7 @@
    k + 1 recordings (tests/unit_floor.py).
 2. The same where nobody knows how the bias splits: splits are drawn from their prior, the file's
    posterior is over them, and floor(k) is the mixture over them.
-3. The published means of one SDC500 unit: the verdict, and headings with and without the constant.
+3. The published means of one SDC500 unit: the verdict, and headings with a constant and without.
 """
 
 import tempfile
@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 from common import Report, cases
-from helpers import REAL_LOGS, default_config
+from helpers import REAL_LOGS, composed, default_config
 from matplotlib.figure import Figure
 from scoring import Scores
 from tqdm import tqdm
-from unit_floor import UnitFloor, estimate
+from unit_floor import UnitFloor, estimate, simplex
 
 import sim.generate
 from lbgc import calibrate
@@ -42,11 +42,11 @@ from lbgc.estimators.unit_posterior import (
     divided,
     evidence,
     posterior,
-    simplex,
     undivided,
 )
 from lbgc.frames import wrap
 from lbgc.outputs import fingerprint, write_atomically
+from lbgc.own_unit import learned, report
 from lbgc.report.figures import png
 from lbgc.sensor.datasheet import ImuConfig
 from lbgc.sensor.errors import LIFETIMES
@@ -261,13 +261,45 @@ def unknown_split(study: Report, home: Path) -> None:
         study.summary[f"unknown_split_nse_{k}"] = a.nse
 
 
+def fixed_split(study: Report, home: Path) -> None:
+    """Splits that are what they are, and not told: the stated sigmas hold on average over the
+    prior, and not for each of them."""
+    case, cells = CASES["unknown"], simplex()
+    study.line()
+    study.line("the same at fixed shares that a unit keeps, the rest a recording's: NSE")
+    found: dict[tuple[float, int], float] = {}
+    most = max(case["labelled"])
+    for share in CASES["shares"]:
+        split = biases(CASES["bias_deg_per_h"], (share, 0.0, 1 - share))
+        options = ("protocol=static", f"sessions={most + 1}", f"seed={CASES['seed'] + 100}")
+        data = generated(home, f"fixed {share:g}", case["fixed_units"], most, *options, *split)
+        base = undivided(data.imu)
+        ours: dict[int, list[tuple[float, float]]] = {k: [] for k in case["labelled"]}
+        for unit in tqdm(range(case["fixed_units"]), f"share {share:g}", leave=False):
+            *labelled, last = data.rows(unit)
+            of, _ = told(data, base, np.array(labelled, int))
+            for k in case["labelled"]:
+                own = posterior(base, some(of, k), np.arange(k), shares=cells)
+                ours[k].append(asked(data, last, filed(home, data, own, own.imu, k)))
+        found |= {(share, k): scored(own).nse for k, own in ours.items()}
+        each = "  ".join(f"k {k}: {found[share, k]:.3f}" for k in case["labelled"])
+        study.line(f"share {share:4g}, {case['fixed_units']} units: {each}")
+    (share, k), nse = max(found.items(), key=lambda own: abs(np.log(own[1])))
+    study.line(f"worst: share {share:g}, k {k}: NSE {nse:.3f}")
+    study.summary["fixed_share_nse_worst"] = {"share": share, "labelled": k, "nse": nse}
+
+
 def published(study: Report) -> None:
     """The published means: what calibrate says of them."""
     if not MEANS.exists():
         study.line("the published means are not here")
         return
-    config = calibrate.CalibrateConfig(str(MEANS), 32.76)
-    given, _ = calibrate._read(config, calibrate.Labels())
+    config = composed(
+        calibrate.CalibrateConfig, "calibrate", f"means={MEANS}", "latitude=32.76", "imu=sdc500",
+        f"mean_s={CASES['published_mean_s']}",
+    )  # fmt: skip
+    labels = calibrate.Labels()
+    given, _ = calibrate._read(config, labels)
     found = calibrate.calibrate(given.means.rates, given.means.heading, given.means.latitude)
     study.line()
     plain, without = np.rad2deg([found.heading_rmse, found.without_bias.heading_rmse])
@@ -275,6 +307,23 @@ def published(study: Report) -> None:
         f"published means, {found.recordings} recordings: heading RMSE {plain:.3f} deg as they "
         f"are, {without:.3f} with the others' mean error taken off"
     )
+    for name, sessions in (
+        ("one_power_up", [None] * found.recordings),
+        ("each_its_own", [str(k) for k in range(found.recordings)]),
+    ):
+        own = learned(
+            config.imu, given.rate_hz, replace(labels, sessions=sessions), 0.0, "estimated", None
+        )
+        study.line(f"taken as {name.replace('_', ' ')}:")
+        for line in report(own):
+            study.line(f"  {line}")
+        assert own.verdict is not None
+        assert own.foretold is not None
+        study.summary |= {
+            f"published_{name}_log10_bayes_factor": own.verdict.log_bayes_factor / np.log(10),
+            f"published_{name}_rmse_deg": np.rad2deg(own.foretold.rmse).tolist(),
+            f"published_{name}_score": [own.foretold.gain, own.foretold.gain_sigma],
+        }
 
 
 def main() -> None:
@@ -282,6 +331,7 @@ def main() -> None:
         home = Path(temporary)
         curves(study, home)
         unknown_split(study, home)
+        fixed_split(study, home)
         published(study)
 
 
