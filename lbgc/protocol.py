@@ -18,6 +18,8 @@ from lbgc.errors import (
 from lbgc.frames import AXES, DOWN
 
 KINDS = ("static", "heading_scan", "indexed", "carousel", "tumble")
+OF_A_TUMBLE = ("poses", "downs", "attitudes_deg", "placed_deg", "handling_s")
+"""The keys of `ProtocolConfig` that say something of a tumble alone."""
 DOWNS = ("sphere", "cube")
 STAGES = ("rest", "slew", "settle")
 """What the plate is doing at a sample: resting; driven; no longer driven, and not at rest yet. The
