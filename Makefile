@@ -25,7 +25,7 @@ help:
 	@echo "make format    put the code into the house style"
 	@echo "make golden    record anew what must not change, tests/golden/ (and say why in the CHANGELOG)"
 	@echo "make keys      write docs/keys.md, every key of imu, scene and protocol, anew"
-	@echo "make picture   draw the README's pictures, docs/turntable.png and slew.gif, anew"
+	@echo "make picture   draw the README's pictures, docs/turntable.png, tumble.png and slew.gif, anew"
 	@echo "make pretrained  train the small models that come with the package, lbgc/pretrained/, anew"
 	@echo "make bench     speed against the machine's limits, to outputs/bench/"
 	@echo "make study     every study, to outputs/studies/; make study-NAME: one ($(STUDIES))"
@@ -152,6 +152,7 @@ study-%: $(PEERS)
 
 picture: $(STAMP)
 	$(BIN)/python sim/scene.py out=docs/turntable.png
+	$(BIN)/python sim/scene.py protocol=tumble out=docs/tumble.png width=640 height=480
 	$(BIN)/python sim/scene.py out=docs/slew.gif width=640 height=400
 
 pretrained: $(addprefix pretrained-,$(PRETRAINED))

@@ -3,20 +3,18 @@
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lbgc.data.windows import Windows
 from lbgc.errors import InputError
-from lbgc.estimators.estimate import Estimate, Estimator
+from lbgc.estimators.estimate import Estimate
 from lbgc.headings import Headings
 from lbgc.metrics import Summary, heading_errors, summarise
 from lbgc.outputs import as_csv
-from lbgc.sensor.imu import ImuModel
 
 
 @contextmanager
@@ -37,12 +35,16 @@ def one_thread() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Own:
-    """The facts of W windows that estimators are not told: headings and recordings."""
+    """The facts of W windows, or poses, that belong to their answers."""
 
     heading: np.ndarray
     """(W,), rad, headings that errors are relative to; NaN where they are not known"""
     recording: np.ndarray
     """(W,), number of each window's recording"""
+    latitude: np.ndarray
+    """(W,), rad"""
+    start_s: np.ndarray
+    """(W,), s, each window's start in its recording"""
     heading_sigma: np.ndarray | None = None
     """(W,), rad, 1 sigma of those headings; None where they are true, or it is not known"""
 
@@ -65,14 +67,14 @@ class Answers:
     at_least: bool = False
     """Whether sigmas are lower bounds."""
 
-    def add(self, estimate: Estimate, windows: Windows, own: Own, seconds: float) -> None:
+    def add(self, estimate: Estimate, own: Own, seconds: float) -> None:
         """Add the answers to some windows. seconds : processor time that they took."""
         self.errors.append(heading_errors(estimate.heading, own.heading))
         self.sigma.append(estimate.sigma)
         self.estimate.append(estimate.heading)
-        self.latitude.append(windows.latitude)
+        self.latitude.append(own.latitude)
         self.heading.append(own.heading)
-        self.start_s.append(windows.start_s)
+        self.start_s.append(own.start_s)
         self.recording.append(own.recording)
         none = np.zeros(len(own.heading))
         self.heading_sigma.append(none if own.heading_sigma is None else own.heading_sigma)
@@ -122,14 +124,7 @@ class Evaluation:
     refused: dict[tuple[str, float], str] = field(default_factory=dict)
     """Why there is no answer, by estimator and window length."""
 
-    def ask(
-        self,
-        key: tuple[str, float],
-        estimate: Estimator,
-        windows: Windows,
-        imu: ImuModel | None,
-        own: Own,
-    ) -> None:
+    def ask(self, key: tuple[str, float], answer: Callable[[], Estimate], own: Own) -> None:
         """Ask an estimator for windows of one length and keep its answers. One that refuses windows
         is not asked again at this length, and its answers are dropped: figures over some recordings
         do not compare with figures over all. key : its name and the window length, s."""
@@ -137,14 +132,14 @@ class Evaluation:
             return
         started = time.process_time()
         try:
-            found = estimate(windows, imu)
+            found = answer()
             _require_numbers(found.heading)
         except InputError as error:
             self.refused[key] = str(error)
             self.answers.pop(key, None)
             return
         seconds = time.process_time() - started
-        self.answers.setdefault(key, Answers()).add(found, windows, own, seconds)
+        self.answers.setdefault(key, Answers()).add(found, own, seconds)
 
     def why_not(self) -> list[str]:
         """A line for each estimator that refused: at which window lengths, and the reason at the

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from lbgc import tumbling
 from lbgc.answers import Evaluation, Own, one_thread
 from lbgc.commands import run_main
 from lbgc.data import unit_file
@@ -21,7 +22,7 @@ from lbgc.data.looking.auto import AnyLog
 from lbgc.data.schema import SPLITS
 from lbgc.data.windows import cut, joined, length_note
 from lbgc.errors import InputError, build, require, require_choice, require_positive
-from lbgc.estimators import CLASSICAL, coarse, static
+from lbgc.estimators import CLASSICAL, FROM_POSES, coarse, static
 from lbgc.estimators.estimate import Estimator
 from lbgc.estimators.floor import floor
 from lbgc.outcome import document_of, doubts, outcome_of
@@ -40,6 +41,7 @@ from lbgc.subjects import (
     of_unit,
     require_of_unit,
 )
+from lbgc.tumbling import TumbleConfig
 from lbgc.verdict import Verdict, reached
 
 if TYPE_CHECKING:
@@ -64,7 +66,10 @@ class EvaluateConfig:
     estimators: list[str] = field(default_factory=lambda: ["mean"])
     """Names of classical estimators, and the floor."""
     estimator: str | None = None
-    """One estimator, or all; instead of the list."""
+    """One estimator, or all; instead of the list. Of an IMU that is held in several attitudes:
+    tumble."""
+    tumble: TumbleConfig = field(default_factory=TumbleConfig)
+    """What is asked of estimator=tumble."""
     windows_s: list[float] = field(default_factory=lambda: [10.0, 20.0, 30.0, 60.0, 240.0])
     """Window lengths."""
     imu: ImuConfig | None = None
@@ -90,7 +95,7 @@ class EvaluateConfig:
         for name in self.estimators:
             require_choice("estimators", name, list(KNOWN))
         if self.estimator is not None:
-            require_choice("estimator", self.estimator, ("all", *KNOWN))
+            require_choice("estimator", self.estimator, ("all", *KNOWN, *FROM_POSES))
         for error in self.reach_deg:
             require_positive("reach_deg", error)
         for name in self.known:
@@ -114,6 +119,15 @@ class EvaluateConfig:
         require(len(self.windows_s) > 0, "windows_s", self.windows_s, "must name a length")
         for window in self.windows_s:
             require_positive("windows_s", window)
+        about = f"is for windows, and estimator={self.estimator} answers poses"
+        for key in ("run", "known"):
+            given = getattr(self, key)
+            require(not (self.from_poses and given), key, given, about)
+
+    @property
+    def from_poses(self) -> bool:
+        """Whether the estimator answers poses, and no windows."""
+        return self.estimator in FROM_POSES
 
     @property
     def asked(self) -> list[str]:
@@ -125,6 +139,8 @@ class EvaluateConfig:
 
 def main(config: EvaluateConfig) -> Path:
     """Evaluate, print the table, write the results, and return the report's path."""
+    if config.from_poses:
+        return _tumbled(config)
     estimators: dict[str, Estimator] = {name: KNOWN[name] for name in config.asked}
     if config.run is not None:
         from lbgc.learning.trained import Trained  # imports PyTorch, which takes a second
@@ -152,15 +168,43 @@ def main(config: EvaluateConfig) -> Path:
     result = replace(
         result, learned=tuple(model.name for model in models), notes=[*result.notes, *notes]
     )
-    identity = fingerprint({**asdict(config), "subject": subject.identity})
-    directory = task_directory("evaluate", identity)
     document = document_of(config.run, result, evaluation, found)
+    of_run = learned.said if config.run is not None else None
+    return _written(config, result, evaluation, document, of_run)
+
+
+def _tumbled(config: EvaluateConfig) -> Path:
+    """Evaluate an estimator of poses, print the table, write the results, and return the report's
+    path."""
+    assert config.estimator is not None
+    subject, records, count = _subject_of(config)
+    with one_thread():
+        ask = config.tumble, config.estimator, FROM_POSES[config.estimator]
+        found = tumbling.asked(*ask, subject, records, count)
+    notes = [*subject.notes, *found.notes, *found.evaluation.why_not()]
+    notes += [*tumbling.ways(found.each), *tumbling.latitudes(found.each)]
+    evaluation = found.evaluation
+    result = outcome_of(subject, evaluation, list(evaluation.answers), notes, config.reach_deg)
+    document = {**document_of(None, result, evaluation), "tumbles": found.each}
+    return _written(config, result, evaluation, document)
+
+
+def _written(
+    config: EvaluateConfig,
+    result: Result,
+    evaluation: Evaluation,
+    document: dict,
+    of_run: Mapping | None = None,
+) -> Path:
+    """Print the results and write them; return the report's path. of_run : what its training says
+    of the run, where there is one."""
+    identity = fingerprint({**asdict(config), "subject": result.subject.identity})
+    directory = task_directory("evaluate", identity)
     write_atomically(directory / "results.json", as_json(document))
     write_atomically(directory / "windows.csv", evaluation.as_csv())
     for line in (*result.notes, *result.verdicts):
         print(line)
     print(table(result))
-    of_run = learned.said if config.run is not None else None
     page = write_page(directory / "report.html", result, config.run, of_run)
     mark_latest(directory)
     return page
@@ -169,7 +213,7 @@ def main(config: EvaluateConfig) -> Path:
 def _subject_of(config: EvaluateConfig) -> tuple[Subject, Iterator[Measured], int]:
     """The description of what is evaluated, its recordings, and their number."""
     if config.log is not None:
-        found = of_log(config.log, config.imu)
+        found = of_log(config.log, config.imu, config.from_poses)
     else:
         assert config.data is not None
         found = of_dataset(config.data, config.split, config.against, config.known, config.imu)
@@ -298,11 +342,14 @@ def _evaluate(
             if window_s not in coarse_means:
                 sample_s = None if subject.imu is None else subject.imu.dt
                 coarse_means[window_s] = coarse.note(given[0], sample_s)
-            own = Own(*(np.repeat(one, sizes) for one in (heading, numbers, reference)))
+            windows = given[0]
+            known = (np.repeat(one, sizes) for one in (heading, numbers, reference))
+            true, number, sigma = known
+            own = Own(true, number, windows.latitude, windows.start_s, sigma)
             for name, one in contenders.items():
-                windows = given[one.calibrated]
-                assert windows is not None
-                evaluation.ask((name, window_s), one.estimate, windows, one.imu, own)
+                told = given[one.calibrated]
+                assert told is not None
+                evaluation.ask((name, window_s), partial(one.estimate, told, one.imu), own)
         bar.update(len(batch))
     bar.close()
     shortest = min(config.windows_s)

@@ -99,6 +99,13 @@ def matrix_to_euler(c_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return roll, pitch, yaw
 
 
+def about_vertical(matrix: np.ndarray) -> np.ndarray:
+    """The angle about the vertical of the turn about it that comes nearest to a rotation, or to a
+    mean of some: (*S, 3, 3) -> (*S), rad."""
+    sine = matrix[..., 1, 0] - matrix[..., 0, 1]
+    return np.asarray(np.arctan2(sine, matrix[..., 0, 0] + matrix[..., 1, 1]))
+
+
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """The rotation vector (axis times angle) of rotations by less than pi: (*S, 3, 3) -> (*S, 3).
 
@@ -123,6 +130,17 @@ def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     cross = skew(vector)
     half = np.sinc(angle / (2 * np.pi))  # sin(a/2)/(a/2)
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross))
+
+
+def one_after_the_other(vectors: np.ndarray) -> np.ndarray:
+    """The rotation that turns make one after the other, each about the axes that the last has
+    turned, from the axes behind them to those before: (m, 3), rad, rotation vectors -> (3, 3)."""
+    found = rotation_matrix(vectors)
+    while len(found) > 1:
+        if len(found) % 2:
+            found = np.concatenate([found, np.eye(3)[None]])
+        found = found[::2] @ found[1::2]
+    return np.asarray(found[0] if len(found) else np.eye(3))
 
 
 def skew(vector: np.ndarray) -> np.ndarray:

@@ -47,14 +47,18 @@ def batches(records: Iterator[Measured]) -> Iterator[list[Measured]]:
         yield batch
 
 
-def of_log(log: logs.LogConfig, imu: ImuConfig | None) -> tuple[Subject, Iterator[Measured], int]:
+def of_log(
+    log: logs.LogConfig, imu: ImuConfig | None, tumbles: bool = False
+) -> tuple[Subject, Iterator[Measured], int]:
     """A log's description, its recordings, and their number. imu : its sensor, where the user names
-    one."""
-    records = list(logs.read(log, None if imu is None else imu.model(log.rate_hz or 1.0)))
-    unknown = [record.name for record in records if record.heading_reference is None]
+    one; tumbles : whether it was held in several attitudes."""
+    law = None if imu is None else imu.model(log.rate_hz or 1.0)
+    records = list(logs.read(log, law, tumbles=tumbles))
+    unknown = [record.name for record in records if not record.has_reference]
     if unknown:
         whose = unknown[0] + (f" and {len(unknown) - 1} more" if len(unknown) > 1 else "")
-        notes = [f"{whose}: no heading is known, so there are no errors; log.heading_deg gives one"]
+        key = "log.poses gives them" if tumbles else "log.heading_deg gives one"
+        notes = [f"{whose}: no heading is known, so there are no errors; {key}"]
     else:
         notes = [f"{log.name}: a real log has no truth; errors are from its reference"]
         if log.heading_sigma_deg is not None:

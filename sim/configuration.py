@@ -9,6 +9,7 @@ from lbgc.data.record import whole_multiple
 from lbgc.data.unit_file import CalibratedUnit
 from lbgc.errors import require, require_positive
 from lbgc.frames import AXES, DOWN
+from lbgc.protocol import OF_A_TUMBLE
 
 from .cluster import ClusterConfig
 from .poses import Bench
@@ -57,12 +58,16 @@ class GenerateConfig(DatasetConfig):
 
     def content(self) -> dict:
         """The part of the configuration on which the dataset's content depends: all but its path
-        and the workers. A plate about down and a unit of the sensor's law are not said, so that
-        datasets from before there was a choice are what they were."""
+        and the workers. A plate about down, a unit of the sensor's law and the hand that there is
+        not are not said, so that datasets from before there was a choice are what they were."""
         content = asdict(self)
         del content["out"], content["cluster"], content["calibration"]
         if self.calibrated is not None:
             content["calibration"] = self.calibrated.checksum
         if self.protocol.axis == AXES[DOWN]:
             del content["protocol"]["axis"]
+        if self.protocol.kind != "tumble":
+            del content["scene"]["hand"]
+            for key in OF_A_TUMBLE:
+                del content["protocol"][key]
         return content

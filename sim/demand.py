@@ -29,7 +29,7 @@ def check(config: GenerateConfig, layout: Layout, place: Place, planned: Plan) -
     """Say what the generation takes, where it is much. Raises InputError, naming what is too large,
     where it takes more than this machine has. planned : the first recording's plan."""
     scene, count = config.scene, config.recordings
-    moves = bool(planned.moves) or scene.sway.present or scene.floor.moves
+    moves = planned.moving or scene.sway.present or scene.floor.moves
     steps = scene.physics_hz * (config.duration_s if moves else _RESTING_S)
     together = min(layout.shard, count)
     held = min(60.0 * together * layout.samples, 2.5e8)

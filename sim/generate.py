@@ -28,7 +28,7 @@ from lbgc.outputs import fingerprint, mark_latest, remove_temporary, task_direct
 from lbgc.protocol import plan
 from lbgc.sensor.dither import check_means
 
-from . import cluster, demand
+from . import cluster, demand, held
 from .configuration import GenerateConfig
 from .physics import check_servo
 from .picture import try_picture
@@ -41,8 +41,9 @@ def main(config: GenerateConfig) -> Path | str:
     latitude = float(np.deg2rad(config.latitude))
     planned = plan(config.protocol, 0, config.duration_s)
     check_servo(config.scene, planned, config.bench.axis)
+    held.check(config.scene, planned)
     if config.output == "means":
-        fastest = EARTH_RATE + max((move.rate for move in planned.moves), default=0.0)
+        fastest = EARTH_RATE + planned.fastest
         gravity = normal_gravity(latitude, config.height_m)
         for name, largest in (("gyro", fastest), ("accel", gravity)):
             triad = getattr(sensor, name)
@@ -74,7 +75,7 @@ def _draw_beside(place: Place, config: GenerateConfig) -> None:
     why_not = (
         None
         if picture.read(beside) is not None
-        else try_picture(beside, config.scene, config.protocol.axis)
+        else try_picture(beside, config.scene, config.protocol)
     )
     if why_not is not None:
         print(f"no picture of the scene: {why_not}", file=sys.stderr)

@@ -30,10 +30,10 @@ from lbgc.protocol import REST, SETTLE, SLEW, Plan
 from lbgc.sensor import streams
 from lbgc.sensor.errors import Triple
 
-from . import kinematics, sway
+from . import held, kinematics, physics, sway
 from .disturbance import Floor, pick
 from .kinematics import Felt
-from .physics import execute, execute_resting, execute_swaying, lead_steps
+from .physics import execute_resting, execute_swaying, lead_steps
 from .poses import Bench, Executed
 from .turntable import SceneConfig
 
@@ -155,6 +155,8 @@ def truths(
     height : m, above the ellipsoid; block : samples, to take means over; every_sample : of rate and
     force take none, since the sensor is not linear; field : north, east and down, T: the magnetic
     field, where it is felt."""
+    for planned in dict.fromkeys(plans):
+        held.check(bench.scene, planned)
     gravity = normal_gravity(latitude, height)
     felt_block = 1 if every_sample else block
     if not bench.scene.sway.present and not bench.scene.floor.moves:
@@ -195,10 +197,10 @@ def _rigid(
 ) -> Iterator[Truth]:
     """Truth on bases that do not move: all that rest together, or that one execution of a plan
     serves."""
-    resting = {p: execute_resting(bench, gravity, p) for p in dict.fromkeys(plans) if not p.moves}
+    resting = {p: execute_resting(bench, gravity, p) for p in dict.fromkeys(plans) if not p.moving}
     together = max(1, int(_TOGETHER_VALUES // (bench.samples // felt_block)))
     each = zip(plans, draws, strict=True)
-    for moving, alike in groupby(each, lambda pair: pair[0] if pair[0].moves else None):
+    for moving, alike in groupby(each, lambda pair: pair[0] if pair[0].moving else None):
         while some := list(islice(alike, together if moving else None)):
             planned, own = zip(*some, strict=True)
             one = [execute(bench, gravity, moving)] if moving else [resting[p] for p in planned]
@@ -244,6 +246,12 @@ def _rigid_truth(
         pitch=angles[:, 1],
         settling_s=np.broadcast_to([e.settling_s for e in executed], len(draws)),
     )
+
+
+def execute(bench: Bench, gravity: float, plan: Plan) -> Executed:
+    """Execute a plan on a rigid base: by the turntable's servo, or by a hand."""
+    how = physics.execute if plan.handling is None else held.execute
+    return how(bench, gravity, plan)
 
 
 def _alike(values: np.ndarray, count: int) -> np.ndarray:
@@ -342,7 +350,7 @@ def _rigid_attitudes(executed: Executed, lean: np.ndarray, block: int) -> np.nda
     return _alike(each[0], len(each)) if len(set(map(id, each))) == 1 else np.stack(each)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=4)
 def _rigid_attitude(executed: Executed, lean: tuple[float, float], block: int) -> np.ndarray:
     """The attitude (see Truth) on a base that leans by so much, roll and pitch in rad, and does not
     move."""

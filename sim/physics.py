@@ -256,15 +256,21 @@ def roll(
     states: Sequence[np.ndarray],
     control: np.ndarray,
     pool: Sequence[mujoco.MjData],
+    control_is: int = int(mujoco.mjtState.mjSTATE_CTRL),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Step r models with MuJoCo's rollout, each from its state (s,) under the control (r, n, nu),
-    on as many threads as the pool has members.
+    on as many threads as the pool has members. control_is : the part of MuJoCo's state that the
+    control is.
 
     Returns the states after each step, (r, n, s), and the sensors before it, (r, n, sensors),
     because MuJoCo first senses and then steps.
     """
     return rollout.rollout(
-        list(models), list(pool), np.stack(states), np.ascontiguousarray(control)
+        list(models),
+        list(pool),
+        np.stack(states),
+        np.ascontiguousarray(control),
+        control_spec=control_is,
     )
 
 

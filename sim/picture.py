@@ -5,15 +5,15 @@ import sys
 from pathlib import Path
 
 from lbgc.data import picture
-from lbgc.frames import AXES, DOWN
 from lbgc.outputs import shown
+from lbgc.protocol import ProtocolConfig
 
 from .turntable import SceneConfig
 
 _LONGEST_S = 120
 
 
-def try_picture(out: Path, config: SceneConfig, axis: str = AXES[DOWN]) -> str | None:
+def try_picture(out: Path, config: SceneConfig, protocol: ProtocolConfig) -> str | None:
     """Render the scene in a process of its own, so that a crash of the graphics driver costs only
     the picture.
 
@@ -22,7 +22,10 @@ def try_picture(out: Path, config: SceneConfig, axis: str = AXES[DOWN]) -> str |
     scene = (sys.executable, "-P", "-m", f"{__package__}.scene")  # from no directory of the user's
     # The arms are the only part of a scene's configuration that a picture shows.
     command = [*scene, f"out='{out.resolve()}'", f"scene.arm_m={config.arm_m}"]
-    command += ["protocol.kind=carousel", f"protocol.axis={axis}"]
+    if protocol.kind == "tumble":
+        command.append("protocol=tumble")
+    else:
+        command += ["protocol.kind=carousel", f"protocol.axis={protocol.axis}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
     except subprocess.TimeoutExpired:

@@ -96,6 +96,8 @@ class Executed:
     """(3, 3), attitude of the control module at the recording's start"""
     settling_s: float
     """Time that the plate took to come to rest before the recording, s"""
+    held: bool = False
+    """Whether a hand moves the module, and no plate"""
 
     def pose(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """The attitude C (m, 3, 3) and the place (m, 3), m, of poses in the forward-right-down axes
@@ -161,6 +163,14 @@ class Executed:
     def angle_at(self, t: np.ndarray) -> np.ndarray:
         """The plate's angle, rad, at times t, s; before the recording it was constant."""
         return np.interp(t, *self._knots)
+
+    def pose_at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """The quaternion (4,) and the place (3,), m, North-West-Up, at a time of the recording, s,
+        or just before."""
+        rate = self.bench.rate_hz
+        own = max((s for s in self.stretches if s.first <= t * rate + 1e-6), key=lambda s: s.first)
+        step = 1 + int((t - own.first / rate) / self.bench.step) if own.moves else 0
+        return own.poses.quaternion[step], own.poses.place[step]
 
     @property
     def moves(self) -> bool:

@@ -7,8 +7,9 @@ from math import gcd
 
 import numpy as np
 
+from lbgc.attitudes import with_attitudes
 from lbgc.frames import wrap
-from lbgc.protocol import plan
+from lbgc.protocol import Plan, plan
 from lbgc.sensor import errors, streams, unit
 from lbgc.sensor.errors import Drawn, Surroundings
 from lbgc.sensor.imu import Timing, Triad
@@ -125,7 +126,7 @@ def batches(
     """All variables of these recordings, some at a time, each of which depends on the configuration
     and on its own number alone."""
     latitude = float(np.deg2rad(config.latitude))
-    plans = [plan(config.protocol, i, config.duration_s) for i in rows]
+    plans = _plans(config, rows)
     share, misread = _labels(config, rows)
     draws = [
         motion.draw(
@@ -157,6 +158,15 @@ def batches(
         }
         yield values
         at = some.stop
+
+
+def _plans(config: GenerateConfig, rows: Sequence[int]) -> list[Plan]:
+    """The recordings' plans, those of a tumble with attitudes of their own."""
+    found = [plan(config.protocol, i, config.duration_s) for i in rows]
+    if config.protocol.kind != "tumble":
+        return found
+    rngs = streams.recordings(config.seed, rows, Purpose.ATTITUDES)
+    return [with_attitudes(p, config.protocol, r) for p, r in zip(found, rngs, strict=True)]
 
 
 def _labels(config: GenerateConfig, rows: Sequence[int]) -> tuple[list[float], np.ndarray]:

@@ -6,7 +6,7 @@ import io
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,21 +15,25 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
+from lbgc.attitudes import drawn, with_attitudes
 from lbgc.errors import InputError, require
 from lbgc.frames import AXES
 from lbgc.outputs import write_atomically
 from lbgc.protocol import Plan, ProtocolConfig, plan
 from lbgc.sensor.streams import Purpose, recording
 
-from . import motion, opengl
-from .physics import execute
-from .poses import Bench
+from . import hand, motion, opengl
+from .motion import execute
+from .poses import Bench, Executed
 from .turntable import SceneConfig, load
 
 _FRAMES_A_S = 12.5
 """Frames a second: whole hundredths of a second each, which is the unit of a GIF."""
 _RATE_HZ = 100.0
 """Rate of the samples in a film's plots."""
+Joints = Mapping[str, np.ndarray]
+"""Positions of joints, by name: the plate's angle, rad, or the place (m) and quaternion of an IMU
+that is held, (7,)."""
 _COLOURS = 96
 """Colours of a film's frame."""
 
@@ -45,7 +49,7 @@ class ViewConfig:
     height: int = 720
     """Height of the scene itself, pixels."""
     plate_angle_deg: float = 30.0
-    """Angle of the plate in a picture."""
+    """Angle of the plate in a picture. With protocol=tumble it shows the first attitude."""
     latitude: float = 32.76
     """Latitude for a film's rates and forces, degrees."""
     duration_s: float = 15.0
@@ -65,7 +69,8 @@ class ViewConfig:
         in_range = 0 < self.duration_s <= longest
         require(in_range, "duration_s", self.duration_s, f"must be above 0, up to {longest}")
         require(abs(self.latitude) <= 90, "latitude", self.latitude, "must be from -90 to 90")
-        plan(self.protocol, 0, self.duration_s)
+        if self.out is None or not self.out.endswith(".png"):
+            plan(self.protocol, 0, self.duration_s)
 
     @property
     def bench(self) -> Bench:
@@ -76,7 +81,17 @@ class ViewConfig:
     @property
     def plan(self) -> Plan:
         """The plan of the protocol's first recording."""
-        return plan(self.protocol, 0, self.duration_s)
+        planned = plan(self.protocol, 0, self.duration_s)
+        if planned.handling is None:
+            return planned
+        return with_attitudes(planned, self.protocol, recording(1, 0, Purpose.ATTITUDES))
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The bench's model: of a turntable, or of a hand above a table."""
+        if self.protocol.kind == "tumble":
+            return hand.load(self.scene.hand, self.scene.physics_hz, 9.8)
+        return load(self.scene, 9.8, self.bench.axis)
 
 
 def view(config: ViewConfig) -> Path | None:
@@ -89,7 +104,7 @@ def view(config: ViewConfig) -> Path | None:
     out.parent.mkdir(parents=True, exist_ok=True)
     content = io.BytesIO()
     if out.suffix == ".png":
-        (pixels,) = _rendered(config, np.deg2rad([config.plate_angle_deg]))
+        (pixels,) = _rendered(config, [_first(config)])
         Image.fromarray(pixels).save(content, "PNG")
     else:
         _film(config, content)
@@ -105,11 +120,11 @@ def _film(config: ViewConfig, out: io.BytesIO) -> None:
     from lbgc.report.figures import strips
 
     bench = config.bench
-    drawn = motion.draw(
+    bench_draw = motion.draw(
         config.scene, 0.0, lambda: recording(1, 0, Purpose.MOTION), config.duration_s
     )
     latitude = float(np.deg2rad(config.latitude))
-    truth = motion.truth(bench, config.plan, latitude, drawn)
+    truth = motion.truth(bench, config.plan, latitude, bench_draw)
     t = np.arange(1, bench.samples + 1) / _RATE_HZ
     figure, axes = strips(
         t,
@@ -122,10 +137,10 @@ def _film(config: ViewConfig, out: io.BytesIO) -> None:
     canvas.draw()
     below = np.asarray(canvas.buffer_rgba())[:, :, :3]
     frames_t = np.arange(0, config.duration_s, 1 / _FRAMES_A_S)
-    angle = config.plan.start + np.interp(frames_t, t, truth.plate_angle)
+    executed = execute(bench, 9.8, config.plan)
     frames = []
-    scenes = _rendered(config, angle, quick=True)
-    shown = tqdm(scenes, "filming", len(angle), unit="frame", leave=False)
+    scenes = _rendered(config, [_joints(executed, own) for own in frames_t], quick=True)
+    shown = tqdm(scenes, "filming", len(frames_t), unit="frame", leave=False)
     for now, above in zip(frames_t, shown, strict=True):
         strip = below.copy()
         for own in axes:
@@ -138,8 +153,27 @@ def _film(config: ViewConfig, out: io.BytesIO) -> None:
     frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=every, loop=0)
 
 
-def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> Iterator[np.ndarray]:
-    """Render the scene offscreen with the plate at these angles, rad: images (height, width, 3),
+def _first(config: ViewConfig) -> Joints:
+    """The joints of a picture: the plate's stated angle, or the first attitude in the hand."""
+    if config.protocol.kind != "tumble":
+        return {"azimuth": np.deg2rad([config.plate_angle_deg])}
+    attitudes = drawn(config.protocol, recording(1, 0, Purpose.ATTITUDES))
+    at = hand.reaching(attitudes[0], hand.grip(config.model))
+    return {"held": hand.at_rest(config.model, at)}
+
+
+def _joints(executed: Executed, t: float) -> Joints:
+    """The joints at a time of a recording, s."""
+    if not executed.held:
+        return {"azimuth": executed.angle_at(np.array([t]))}
+    quaternion, place = executed.pose_at(t)
+    return {"held": np.concatenate([place, quaternion])}
+
+
+def _rendered(
+    config: ViewConfig, poses: Sequence[Joints], quick: bool = False
+) -> Iterator[np.ndarray]:
+    """Render the scene offscreen with its joints in these places: images (height, width, 3),
     uint8.
 
     quick : coarser shadows and edges, for a film. Raises InputError where this machine cannot
@@ -147,19 +181,25 @@ def _rendered(config: ViewConfig, angles: np.ndarray, quick: bool = False) -> It
     """
     if opengl.lacking is not None:
         raise _cannot(opengl.lacking)
-    model = copy.copy(load(config.scene, 9.8, config.bench.axis))
+    model = copy.copy(config.model)
     if quick:
         model.vis.quality.shadowsize, model.vis.quality.offsamples = 2048, 2
     data = mujoco.MjData(model)
     try:
         with mujoco.Renderer(model, config.height, config.width) as renderer:
-            for angle in angles:
-                data.joint("azimuth").qpos[0] = angle
+            for joints in poses:
+                _put(data, joints)
                 mujoco.mj_forward(model, data)
                 renderer.update_scene(data, camera="overview")
                 yield renderer.render()
     except Exception as error:  # each backend fails in a way of its own
         raise _cannot(f"{type(error).__name__}: {error}") from error
+
+
+def _put(data: mujoco.MjData, joints: Joints) -> None:
+    """Set the joints."""
+    for name, values in joints.items():
+        data.joint(name).qpos[:] = values
 
 
 def _cannot(why: str) -> InputError:
@@ -184,7 +224,7 @@ def look_round(config: ViewConfig) -> None:
         )
     import mujoco.viewer
 
-    model = load(config.scene, 9.8, config.bench.axis)
+    model = config.model
     data = mujoco.MjData(model)
     executed = execute(config.bench, 9.8, config.plan)
     with mujoco.viewer.launch_passive(
@@ -193,7 +233,7 @@ def look_round(config: ViewConfig) -> None:
         started = time.monotonic()
         while window.is_running():
             now = (time.monotonic() - started) % config.duration_s
-            data.joint("azimuth").qpos[0] = executed.angle_at(np.array(now))
+            _put(data, _joints(executed, now))
             mujoco.mj_forward(model, data)
             window.sync()
             time.sleep(1 / 60)

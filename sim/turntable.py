@@ -10,6 +10,7 @@ from lbgc.frames import DOWN
 
 from . import opengl
 from .disturbance import FloorConfig
+from .hand import HandConfig
 from .sway import JOINTS, SwayConfig
 
 opengl.settle()
@@ -65,6 +66,8 @@ class SceneConfig:
     """What moves the floor."""
     sway: SwayConfig = field(default_factory=SwayConfig)
     """The vehicle on which the bench stands, if it sways."""
+    hand: HandConfig = field(default_factory=HandConfig)
+    """With protocol=tumble, the hand that holds the IMU; there is no turntable then."""
 
     def __post_init__(self) -> None:
         for name in (

@@ -47,6 +47,7 @@ _TAKES = {
     "Axes": "number or [x, y, z]",
     "Spread": "number or [low, high]",
     "tuple[float, ...]": "list of numbers",
+    "tuple[tuple[float, ...], ...]": "list of lists of numbers",
     "tuple[GyroLine, ...]": "list of groups",
     "tuple[AccelLine, ...]": "list of groups",
 }

@@ -9,8 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import tumbled
 from helpers import REAL_LOGS, ROOT
 from programs import ran
+
+from lbgc.attitudes import uniform
 
 README = (ROOT / "README.md").read_text()
 NEEDS = {"log=lasergyro": "lasergyro.imu"}
@@ -42,10 +45,21 @@ def furnish(home: Path, rows: int) -> None:
     np.savetxt(home / "datasheet.csv", curve, delimiter=",", header="tau,deviation", comments="")
     header = "w_x,w_y,w_z,f_x,f_y,f_z"
     np.savetxt(home / "mylog.csv", log, delimiter=",", header=header, comments="", fmt="%.7g")
+    _furnish_held(home)
     for name, turn in (("up", 1.0), ("down", -1.0)):
         rest = np.multiply(mean, [turn, turn, 1.0, turn, turn, 1.0])
         rest = rest + np.random.default_rng(2).standard_normal((11_500, 6)) * spread
         np.savetxt(home / f"{name}.csv", rest, delimiter=",", header=header, comments="")
+
+
+def _furnish_held(home: Path) -> None:
+    """A log of a sensor that is held in six attitudes, half a minute each."""
+    rng, imu = np.random.default_rng(3), tumbled.sensor("stim300")
+    own = tumbled.poses(rng, imu, uniform(rng, 6), 30.0)
+    stamps = np.arange(1, len(own.gyro) + 1) / own.rate_hz
+    rows = np.column_stack([stamps, own.gyro, own.accel])
+    header = "t,gyro_x (rad/s),gyro_y (rad/s),gyro_z (rad/s),f_x,f_y,f_z"
+    np.savetxt(home / "held.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
 
 
 def lacking(command: str) -> str | None:

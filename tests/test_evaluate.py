@@ -125,7 +125,7 @@ def test_every_field_changes_the_result(cli, tmp_path, dataset, unit_bias_run):
         "against": (base, "against=reference"),
         "known": (base, "known=[run]"),
     }
-    elsewhere = {"calibration"}  # in test_own_unit
+    elsewhere = {"calibration", "tumble"}  # in test_own_unit, test_tumbling
     assert set(changes) | elsewhere == {f.name for f in fields(EvaluateConfig)}
     usual = untimed(results(cli("lbgc.evaluate", base), tmp_path))
     assert untimed(results(cli("lbgc.evaluate", base), tmp_path)) == usual

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from lbgc.attitudes import with_attitudes
 from lbgc.earth import EARTH_RATE, normal_gravity
 from lbgc.errors import InputError
 from lbgc.frames import wrap
@@ -14,6 +15,7 @@ from lbgc.protocol import REST, SETTLE, SLEW, Plan, ProtocolConfig, plan
 from lbgc.sensor import streams
 from sim import motion, physics
 from sim.disturbance import FloorConfig, VibrationConfig
+from sim.hand import HandConfig
 from sim.motion import Draw, Truth, truth
 from sim.physics import execute
 from sim.poses import Bench
@@ -448,6 +450,7 @@ CHANGED = {
     "servo_torque_nm": 0.65,
     "floor": FloorConfig(vibration=VibrationConfig(rate_deg_per_h=(90.0, 55.0, 0.0))),
     "sway": SwayConfig(level=1.0),
+    "hand": HandConfig(lift_m=0.2),
 }
 
 
@@ -459,6 +462,9 @@ def test_every_scene_parameter_changes_something(field):
     value = CHANGED[field] if field in CHANGED else getattr(SCENE, field) / 2
     changed = replace(SCENE, **{field: value})
     planned = plan(ProtocolConfig(kind="indexed"), 0, 12.0)
+    if field == "hand":
+        config = ProtocolConfig(kind="tumble", poses=2)
+        planned = with_attitudes(plan(config, 0, 12.0), config, np.random.default_rng(1))
     one, other = (truth(Bench(s, 100.0, 1200), planned, 0.5, drawn(s)) for s in (SCENE, changed))
     assert any(
         not np.array_equal(getattr(one, name), getattr(other, name))

@@ -6,6 +6,7 @@ from helpers import default_config
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lbgc.attitudes import drawn, with_attitudes
 from lbgc.errors import InputError
 from lbgc.protocol import Move, Plan, ProtocolConfig, plan
 
@@ -91,15 +92,34 @@ CHANGED = {
     "turns": 1.0,
     "slew_deg_per_s": 10.0,
     "slew_deg_per_s2": 20.0,
+    "poses": 5,
+    "downs": "cube",
+    "attitudes_deg": ((0.0, 0.0, 0.0), (90.0, 0.0, 40.0)),
+    "placed_deg": 2.0,
+    "handling_s": 3.0,
 }
 KIND = {"step_deg": "heading_scan", "carousel_deg_per_s": "carousel", "turns": "carousel"}
+TUMBLE = ("poses", "downs", "attitudes_deg", "placed_deg", "handling_s")
+KIND |= dict.fromkeys(TUMBLE, "tumble")
 
 
 @pytest.mark.parametrize("field", CHANGED)
 def test_every_field_changes_the_plan(field):
     kind = KIND.get(field, "indexed")
-    usual = plan(ProtocolConfig(kind=kind), 3, 240.0)
-    assert plan(ProtocolConfig(**({"kind": kind} | {field: CHANGED[field]})), 3, 240.0) != usual
+    downs = {"downs": "cube"} if field == "placed_deg" else {}
+    usual, other = (
+        ProtocolConfig(**({"kind": kind} | downs | changed))
+        for changed in ({}, {field: CHANGED[field]})
+    )
+    assert planned(usual) != planned(other)
+
+
+def planned(config: ProtocolConfig) -> Plan:
+    """The plan of a recording, that of a tumble with its attitudes."""
+    found = plan(config, 3, 240.0)
+    if found.handling is None:
+        return found
+    return with_attitudes(found, config, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize(
@@ -113,6 +133,14 @@ def test_every_field_changes_the_plan(field):
         ({"carousel_deg_per_s": 0.0}, "carousel_deg_per_s = 0.0 deg/s: must not be zero"),
         ({"slew_deg_per_s2": 0.0}, "slew_deg_per_s2 = 0.0 deg/s2: must be greater"),
         ({"turns": -1.0}, "turns = -1.0: must be greater"),
+        ({"poses": 1}, "poses = 1: must be from 2 to 1000"),
+        ({"downs": "up"}, "choose from sphere, cube"),
+        ({"downs": "cube", "placed_deg": 0.0}, "exactly on its nose has no heading"),
+        ({"attitudes_deg": ((0.0, 0.0, 0.0),)}, "must name two or more"),
+        ({"attitudes_deg": ((0.0, 0.0), (1.0, 2.0))}, r"must be \[roll, pitch, heading\] each"),
+        ({"attitudes_deg": ((0.0, 90.0, 0.0),) * 2}, "forward axis is vertical and has no heading"),
+        ({"handling_s": 0.1}, "handling_s = 0.1 s: must be 0.5 or more"),
+        ({"kind": "tumble", "dwell_s": (1.0, 2.0)}, "must be one figure, or 12"),
     ],
 )
 def test_wrong_protocols_are_refused(values, says):
@@ -129,6 +157,8 @@ def test_wrong_protocols_are_refused(values, says):
             r"protocol.angles_deg = \[0.0, 180.0\]: takes",
         ),
         ({"kind": "carousel", "turns": 3.0}, r"protocol.turns = 3.0: takes 180.1 s .* lasts 120 s"),
+        ({"kind": "tumble", "poses": 32}, r"poses = 32: takes 124 s with its handling"),
+        ({"kind": "tumble", "dwell_s": 30.0}, r"dwell_s = 30.0 s: takes 404 s .* handle faster"),
     ],
 )
 def test_a_protocol_longer_than_the_recording_is_refused(values, says):
@@ -161,3 +191,31 @@ def test_nothing_commanded_is_a_rest():
     angle, rate = Plan(0.3, 0.0, 0.0, 1.0, 1.0).command(np.array([-1.0, 0.0, 5.0]))
     np.testing.assert_array_equal(angle, 0.3)
     assert not rate.any()
+
+
+def test_any_direction_is_as_probable_to_be_down():
+    """Mean and second moments of the unit downs, whose 1 sigma over n are sqrt(1/3n) and, of d_i^2,
+    sqrt(4/45n)."""
+    n = 1000
+    down = drawn(ProtocolConfig(kind="tumble", poses=n), np.random.default_rng(2))[:, 2]
+    assert np.abs(down.mean(axis=0)).max() < 4 * np.sqrt(1 / 3 / n)
+    assert np.abs((down**2).mean(axis=0) - 1 / 3).max() < 4 * np.sqrt(4 / 45 / n)
+
+
+def test_a_box_lies_on_each_face_once_before_any_again():
+    config = ProtocolConfig(kind="tumble", poses=12, downs="cube", placed_deg=1.0)
+    down = drawn(config, np.random.default_rng(3))[:, 2]
+    faces = np.rint(down)
+    for six in (faces[:6], faces[6:]):
+        assert {tuple(own) for own in six} == {tuple(s * e) for e in np.eye(3) for s in (1, -1)}
+    beside = np.rad2deg(np.arccos(np.sum(down * faces, axis=1)))
+    assert 0 < beside.min() < beside.max() < 5
+
+
+def test_listed_attitudes_are_held_in_their_order():
+    listed = ((10.0, 20.0, 30.0), (-100.0, -80.0, 170.0))
+    config = ProtocolConfig(kind="tumble", attitudes_deg=listed, placed_deg=0.0, dwell_s=(3.0, 5.0))
+    found = planned(config).handling
+    assert found is not None
+    assert found.starts_s == (3.0,)
+    np.testing.assert_allclose(np.rad2deg(found.attitudes), listed, atol=1e-9)

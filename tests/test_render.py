@@ -9,6 +9,7 @@ import pytest
 from helpers import ROOT
 from PIL import Image
 
+from lbgc.protocol import ProtocolConfig
 from lbgc.report.figures import strips
 from sim.picture import try_picture
 from sim.turntable import SceneConfig
@@ -21,10 +22,17 @@ def scene(tmp_path, *options, **environment) -> subprocess.CompletedProcess:
     )
 
 
-@pytest.mark.parametrize("out", ["scene.png", "slew.gif"])
-def test_a_picture_is_written_or_the_missing_library_named(tmp_path, out):
-    done = scene(tmp_path, f"out={out}", "width=96", "height=64", "duration_s=4",
-                 "protocol.slew_deg_per_s=180", "protocol.slew_deg_per_s2=360")  # fmt: skip
+@pytest.mark.parametrize(
+    ("out", "options"),
+    [
+        ("scene.png", []),
+        ("slew.gif", ["protocol.slew_deg_per_s=180", "protocol.slew_deg_per_s2=360"]),
+        ("tumble.png", ["protocol=tumble"]),
+        ("tumble.gif", ["protocol=tumble", "protocol.poses=2", "protocol.handling_s=3"]),
+    ],
+)
+def test_a_picture_is_written_or_the_missing_library_named(tmp_path, out, options):
+    done = scene(tmp_path, f"out={out}", "width=96", "height=64", "duration_s=4", *options)
     if done.returncode:
         assert done.returncode == 2
         assert "install libosmesa6, or libegl1" in done.stderr
@@ -63,7 +71,8 @@ def test_a_picture_that_takes_too_long_does_not_fail_its_dataset(tmp_path, monke
         raise subprocess.TimeoutExpired("scene.py", timeout)
 
     monkeypatch.setattr(subprocess, "run", never)
-    assert "not there after 120 s" in try_picture(tmp_path / "d.png", SceneConfig())
+    why = try_picture(tmp_path / "d.png", SceneConfig(), ProtocolConfig())
+    assert "not there after 120 s" in why
 
 
 def test_without_a_display_the_window_is_refused(cli, monkeypatch):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tumbled import LATITUDE, RATE_HZ, Dense, poses, sensor
 
+from lbgc.attitudes import uniform
 from lbgc.data.poses import Poses
 from lbgc.data.windows import Windows
 from lbgc.errors import InputError
@@ -16,7 +17,7 @@ from lbgc.estimators.held import held, planned, shortest
 from lbgc.estimators.pose_information import form
 from lbgc.estimators.torus import Torus, particles
 from lbgc.estimators.tumble import solved, tumble, turned_by
-from lbgc.estimators.tumble_floor import Tumbling, attitudes, expected, small_errors
+from lbgc.estimators.tumble_floor import Tumbling, expected, small_errors
 from lbgc.estimators.unit_posterior import Reference, evidence, posterior
 from lbgc.frames import euler_to_matrix, rotation_matrix, wrap
 from lbgc.sensor.imu import ImuModel
@@ -52,7 +53,7 @@ def test_what_poses_tell_is_what_one_dense_gaussian_tells(few_parts):
     """Bins of the posterior's marginals, for two poses and three."""
     for seed, count, name in ((3, 2, "stim300"), (4, 3, "stim300"), (5, 3, "adis16495")):
         rng, imu = np.random.default_rng(seed), sensor(name)
-        log = poses(rng, imu, attitudes(rng, count), 30.0)
+        log = poses(rng, imu, uniform(rng, count), 30.0)
         of, _own, about = solved(held(log, imu), imu, "either")
         dense = Dense(imu, of)
         h, J = dense.form(about.modes[0])
@@ -86,7 +87,7 @@ def test_errors_are_as_large_as_the_bound_and_the_sigmas_say(name, count, dwell_
     square, normal, bound = np.empty((3, runs))
     for run in range(runs):
         rng = np.random.default_rng(run)
-        truth = attitudes(rng, count)
+        truth = uniform(rng, count)
         of = held(poses(rng, imu, truth, dwell_s, integrated), imu)
         found = tumble(poses(np.random.default_rng(run), imu, truth, dwell_s, integrated), imu)
         off = turned_by(found.attitude, truth)
@@ -103,7 +104,7 @@ def test_an_unknown_latitude_is_in_its_interval():
     for run in range(runs):
         rng = np.random.default_rng(run)
         latitude = np.deg2rad(rng.uniform(-70, 70))
-        log = poses(rng, imu, attitudes(rng, 8), 30.0, latitude=latitude, known=False)
+        log = poses(rng, imu, uniform(rng, 8), 30.0, latitude=latitude, known=False)
         found = tumble(log, imu)
         low, high = found.latitude_interval
         inside += low < latitude < high
@@ -119,7 +120,7 @@ def test_told_labels_agree_with_the_labelled_posterior(monkeypatch):
     monkeypatch.setattr(error_patterns, "_LATITUDE", 0.0)
     imu, rng = white(sensor("stim300")), np.random.default_rng(1)
     imu = replace(imu, gyro=imu.gyro.without("run"))
-    truth = attitudes(rng, 7)
+    truth = uniform(rng, 7)
     log = poses(rng, imu, truth, 24.0)
     of = held(log, imu)
     heading = turned_by(truth, of.base)
@@ -151,7 +152,7 @@ def test_turns_between_poses_are_what_the_gyros_tell():
     """Without errors the gyros' turns are the headings' differences, to the rotation in a sample;
     a saturated one is not used."""
     imu, rng = sensor("ideal"), np.random.default_rng(2)
-    truth = attitudes(rng, 5)
+    truth = uniform(rng, 5)
     log = poses(rng, imu, truth, 10.0, integrated=True)
     of = held(log, imu)
     own = form(of, sensor("stim300"))
@@ -231,7 +232,7 @@ def test_the_expected_error_is_the_bound_where_errors_are_small():
 
 def test_planned_poses_tell_what_recorded_ones_do():
     imu, rng = sensor("stim300"), np.random.default_rng(6)
-    truth = attitudes(rng, 5)
+    truth = uniform(rng, 5)
     for integrated in (False, True):
         of = held(poses(rng, imu, truth, 30.0, integrated), imu)
         plan = planned(truth, 30.0, 10.0, LATITUDE, 9.795, imu, integrated)
@@ -250,7 +251,7 @@ def test_half_a_turn_is_told_from_none():
 
 def test_slopes_and_curvature_are_those_of_log_p():
     imu, rng = sensor("stim300"), np.random.default_rng(7)
-    log = poses(rng, imu, attitudes(rng, 4), 30.0, integrated=True, known=False)
+    log = poses(rng, imu, uniform(rng, 4), 30.0, integrated=True, known=False)
     torus = Torus(form(held(log, imu), imu))
     theta = np.append(wrap(rng.uniform(-3, 3, 4)), 0.6)
     torus = Torus(replace(torus.of, delta=wrap(np.diff(theta[:4]) + 0.1)))

@@ -11,7 +11,7 @@ from helpers import generate
 from lbgc.answers import Answers, Own
 from lbgc.data.logs import LogConfig, read
 from lbgc.data.record import Record
-from lbgc.data.windows import Windows, cut
+from lbgc.data.windows import cut
 from lbgc.earth import earth_rate_ned, normal_gravity
 from lbgc.errors import InputError, build
 from lbgc.estimators import CLASSICAL
@@ -620,14 +620,10 @@ def test_a_reference_s_sigma_is_part_of_the_errors():
     n = 4000
     rng = np.random.default_rng(5)
     errors = rng.normal(0.0, 3.0, n) - rng.normal(0.0, 4.0, n)
-    windows = Windows(
-        gyro=np.zeros((n, 1, 3)), accel=np.zeros((n, 1, 3)), plate_angle=np.zeros((n, 1)),
-        rate_hz=1.0, latitude=np.zeros(n), start_s=np.zeros(n),
-    )  # fmt: skip
     estimate = Estimate(errors * DEG, np.full(n, 3.0 * DEG))
-    own = Own(np.zeros(n), np.arange(n), np.full(n, 4.0 * DEG))
+    own = Own(np.zeros(n), np.arange(n), np.zeros(n), np.zeros(n), np.full(n, 4.0 * DEG))
     answers = Answers()
-    answers.add(estimate, windows, own, 0.0)
+    answers.add(estimate, own, 0.0)
     nse = answers.summary().mean_normalised_squared_error
     assert nse == pytest.approx(1.0, abs=4 * np.sqrt(2 / n))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lbgc.data.record import Record
+from lbgc.data.record import Record, require_on_plate
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, build
 from lbgc.frames import euler_to_matrix, level, turned
@@ -62,6 +62,7 @@ def without_mean(record: Record, imu: ImuModel, known: Known) -> Record:
 def _field(record: Record, imu: ImuModel) -> np.ndarray:
     """The magnetic field in the body, T, (3, n), at the record's true heading and the level that
     its mean specific force tells. Raises InputError where the heading is not known."""
+    require_on_plate(record)
     if record.heading is None:
         raise InputError(f"{record.name}'s heading", "(unknown)", "", "it has no truth")
     angle, axis = record.plate_angle, record.axis

@@ -8,7 +8,7 @@ import numpy as np
 
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.axes import matrix_of
-from lbgc.data.readers.blocks import blocks
+from lbgc.data.readers.blocks import blocks, some
 from lbgc.data.readers.raw import Raw
 from lbgc.errors import InputError, require
 from lbgc.frames import AXES, DOWN, wrap
@@ -80,12 +80,14 @@ def rates(raw: Raw, rate_hz: float) -> np.ndarray:
 
 
 def forces(raw: Raw, rate_hz: float) -> np.ndarray:
-    """The specific forces, m/s^2, along the body's axes. The unit "auto" is g where their mean is
-    below 3, else m/s2."""
+    """The specific forces, m/s^2, along the body's axes. The unit "auto" is g where the median of
+    their sizes is below 3, else m/s2: their mean is small where the IMU is held in opposite
+    attitudes."""
     config, unit = raw.config, raw.config.accel_unit
     if unit == "auto":
-        mean = raw.accel.mean(axis=0) - config.each("accel", "offset")
-        unit = "g" if np.linalg.norm(mean * config.each("accel", "scale")) < 3 else "m/s2"
+        counted = config.counted("accel", some(raw.accel).copy())  # in its place
+        sizes = np.linalg.norm(counted, axis=1)
+        unit = "g" if np.median(sizes) < 3 else "m/s2"
     factor = force_factor(unit, rate_hz)
     if raw.gravity is not None and unit in _UNITS_OF_G:
         factor *= raw.gravity / STANDARD_GRAVITY
@@ -100,7 +102,7 @@ def _converted(
     values = values if values.flags.c_contiguous else np.ascontiguousarray(values)
     matrix = matrix_of(axes)
     for own in blocks(len(values)):
-        some = config.counted(part, values[own])
-        some *= unit
-        values[own] = some @ matrix.T
+        counted = config.counted(part, values[own])
+        counted *= unit
+        values[own] = counted @ matrix.T
     return values

@@ -163,6 +163,10 @@ class LogConfig:
     positions: list[list[float]] | None = None
     """Or the plate's positions, [[from_s, to_s, angle_deg], ...] in order of time, in seconds since
     the first sample; between them it turns."""
+    poses: list[list[float]] | None = None
+    """Or, of an IMU that was held at rest in several attitudes (estimator=tumble), when:
+    [[from_s, to_s], ...] in order of time, in seconds since the first sample, each with the forward
+    axis's reference heading, degrees, as a third figure where it is known; null: they are found."""
     angles_deg: list[float] | None = None
     """Or, where `path` names several files, the plate's angle in each, degrees."""
     gap_s: float | None = None
@@ -291,9 +295,21 @@ class LogConfig:
         about = f"is a mirrored frame{by}: check the signs, or give accel_axes as well where the "
         require(bool(right), "axes", self.axes, about + "gyros' signs are mirrored")
 
+    def _require_poses(self) -> None:
+        """Raise InputError unless the poses are listed in one form, or not at all."""
+        listed = self.poses
+        about = "must name two or more, or be null"
+        require(listed is None or len(listed) > 1, "poses", listed, about)
+        if listed is None:
+            return
+        form = "[from_s, to_s, heading_deg]" if len(listed[0]) == 3 else "[from_s, to_s]"
+        require_spans("poses", listed, form)
+        about = "is one heading, and poses have one each: poses=[[from_s, to_s, heading_deg], ...]"
+        require(self.heading_deg is None, "heading_deg", self.heading_deg, about)
+
     def _require_plate(self) -> None:
         """Raise InputError unless the plate's angles are stated in one way, or not at all."""
-        keys = ("plate_column", "positions", "angles_deg")
+        keys = ("plate_column", "positions", "poses", "angles_deg")
         ways = [key for key in keys if getattr(self, key) is not None]
         about = f"and {ways[-1]} both state the plate's angles: give one" if ways else ""
         require(len(ways) < 2, ways[0] if ways else "", "given", about)
@@ -307,6 +323,7 @@ class LogConfig:
             require_column(key, getattr(self, key))
         require(self.positions != [], "positions", self.positions, "must name one, or be null")
         require_spans("positions", self.positions or [], "[from_s, to_s, angle_deg]")
+        self._require_poses()
         if self.gap_s is not None:
             require_not_negative(self, "gap_s")
             most = f"must be up to {_LONGEST_GAP_S:g}"

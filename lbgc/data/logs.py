@@ -12,7 +12,7 @@ from lbgc.data.checks import all_checks
 from lbgc.data.checks.alone import alone_note, checked_alone
 from lbgc.data.checks.moved import PLATE
 from lbgc.data.logconfig import NONE, LogConfig
-from lbgc.data.positions import at_positions, joined
+from lbgc.data.positions import at_positions, held, joined
 from lbgc.data.readers.pieces import Piece, pieces_of, timed
 from lbgc.data.readers.raw import READERS, Raw, columns, find, triads_apart
 from lbgc.data.record import Record, TriadRecord
@@ -29,14 +29,20 @@ _SHARE = 0.1
 """The least length of a recording of two clocks, as a share of the longest."""
 
 
-def read(config: LogConfig, imu: ImuModel | None = None, north: bool = True) -> Iterator[Record]:
+def read(
+    config: LogConfig,
+    imu: ImuModel | None = None,
+    north: bool = True,
+    tumbles: bool = False,
+) -> Iterator[Record]:
     """Read a log's recordings and check them. Raises InputError where the log is refused.
 
     imu : the sensor's error model, where it is known; north : whether the heading is asked for.
     Where it is not (the noise is fitted, the sensor calibrated), faults that matter only to a
-    heading become notes.
+    heading become notes. tumbles : whether the IMU was held in several attitudes, without a plate,
+    as it is where `config.poses` lists them.
     """
-    yield from checked(unchecked(config, imu), config, imu, north)
+    yield from checked(unchecked(config, imu, tumbles), config, imu, north)
 
 
 @dataclass(frozen=True)
@@ -51,17 +57,29 @@ class Recording:
     is one clock"""
 
 
-def unchecked(config: LogConfig, imu: ImuModel | None = None) -> list[Recording]:
+def unchecked(
+    config: LogConfig, imu: ImuModel | None = None, tumbles: bool = False
+) -> list[Recording]:
     """A log's recordings before anything was checked. Raises InputError where one triad alone was
-    recorded."""
+    recorded, or where a plate's angles are stated of an IMU that was held in several attitudes.
+
+    imu, tumbles : as of `read`.
+    """
     for part in ("gyro", "accel"):
         key = f"{part}_columns"
         about = "leaves one triad: a heading and a calibration need gyros and accelerometers both; "
         about += "python lbgc/fit.py takes one alone"
         require(getattr(config, key) != NONE, f"log.{key}", NONE, about)
+    tumbles = tumbles or config.poses is not None
+    for key in ("plate_column", "positions", "angles_deg") if tumbles else ():
+        about = "says how a plate turns; estimator=tumble is for an IMU in a hand, without one"
+        require(getattr(config, key) is None, f"log.{key}", getattr(config, key), about)
     if config.angles_deg is not None:
         return [_of_files(config, imu)]
-    return [own for file in config.each_file for _, own in _of_file(file)]
+    found = [own for file in config.each_file for _, own in _of_file(file)]
+    if not tumbles:
+        return found
+    return [replace(own, record=held(own.record, own.config)) for own in found]
 
 
 def checked(
@@ -71,7 +89,7 @@ def checked(
     north: bool = True,
 ) -> list[Record]:
     """The recordings that `unchecked` gives, checked as `read` does."""
-    placed = all(math.isfinite(own.record.latitude) for own in found)
+    placed = all(math.isfinite(own.record.latitude) or own.record.held is not None for own in found)
     require(placed or not north, "log.latitude", None, "must be given for this log")
     records = [all_checks.checked(own.record, own.config, imu, north) for own in found]
     return all_checks.together(_told_apart(records), config, north)
@@ -171,9 +189,10 @@ def _positioned(record: Record, raw: Raw) -> Record:
 
 def _triad_records(raw: Raw) -> Iterator[TriadRecord]:
     """The recordings of the one triad that was recorded, likewise."""
-    turned = raw.config.positions or raw.config.angles_deg
     about = "is for gyros and accelerometers both: noise of one triad is fitted to a log at rest"
-    require(not turned, "log.positions", turned, about)
+    for key in ("positions", "poses", "angles_deg"):
+        turned = getattr(raw.config, key)
+        require(not turned, f"log.{key}", turned, about)
     for own in pieces_of(*timed(raw)):
         record = _of_a_triad(own, converted.fields_of(own.raw, own.rate_hz, own.notes))
         still = bool(np.ptp(record.plate_angle) < PLATE)

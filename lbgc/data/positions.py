@@ -1,4 +1,5 @@
-"""Logs of several positions of a plate: where it stood in each, and what is between them."""
+"""Logs of several positions of a plate, where it stood in each, and what is between them; and logs
+of several attitudes in which the IMU was held."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +11,7 @@ from lbgc import outputs
 from lbgc.data.checks.felt import agrees, contradiction, turned_by
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.raw import Raw
-from lbgc.data.record import Record
+from lbgc.data.record import Held, Record
 from lbgc.errors import InputError, require
 from lbgc.frames import AXES, wrap
 from lbgc.sensor.imu import ImuModel
@@ -33,7 +34,7 @@ def at_positions(record: Record, config: LogConfig) -> Record:
     that, the samples between are taken as not recorded.
     """
     assert config.positions is not None
-    spans = [_span(record, own) for own in config.positions]
+    spans = [_span(record, own, "log.positions") for own in config.positions]
     angles = [own[2] * DEG for own in config.positions]
     begin, end = spans[0][0], spans[-1][1]
     gyro, accel, notes = record.gyro.copy(), record.accel.copy(), list(record.notes)
@@ -73,15 +74,24 @@ def at_positions(record: Record, config: LogConfig) -> Record:
     )
 
 
-def _span(record: Record, own: list[float]) -> tuple[int, int]:
-    """The first sample of a listed position, and the one behind its last. Raises InputError where
-    the log has no such samples."""
+def held(record: Record, config: LogConfig) -> Record:
+    """A log of an IMU that was held at rest in several attitudes, with those that are listed.
+    Raises InputError where the log has no such samples."""
+    listed = config.poses or []
+    poses = tuple(_span(record, own, "log.poses") for own in listed)
+    headings = tuple(own[2] * DEG for own in listed if len(own) == 3)
+    return replace(record, held=Held(None, poses, headings), heading_reference=None)
+
+
+def _span(record: Record, own: list[float], key: str) -> tuple[int, int]:
+    """The first sample of a listed stretch, and the one behind its last. Raises InputError, naming
+    `key`, where the log has no such samples."""
     start, stop = own[0] * record.rate_hz, own[1] * record.rate_hz
     first, last = int(np.ceil(start - 1e-3)), int(np.floor(stop + 1e-3))
     about = f"is not within the {record.duration_s:.6g} s that {record.name} lasts"
-    require(last <= len(record.gyro), "log.positions", own, about)
+    require(last <= len(record.gyro), key, own, about)
     long = (last - first) / record.rate_hz > _SHORTEST_S - 0.01
-    require(long, "log.positions", own, f"must last {_SHORTEST_S:g} s or more")
+    require(long, key, own, f"must last {_SHORTEST_S:g} s or more")
     return first, last
 
 

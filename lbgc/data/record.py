@@ -11,6 +11,20 @@ from lbgc.frames import AXES, DOWN
 
 
 @dataclass(frozen=True)
+class Held:
+    """What is known of a recording of an IMU that was held at rest in several attitudes: all of it
+    may be unknown."""
+
+    attitude: np.ndarray | None = None
+    """(T, 3), rad, true roll, pitch and heading at each sample; None for a real log"""
+    poses: tuple[tuple[int, int], ...] = ()
+    """First sample of each stretch in which it was held, and the one behind its last, where the
+    user listed them"""
+    headings: tuple[float, ...] = ()
+    """rad, reference heading of the forward axis in each of these, where they are known"""
+
+
+@dataclass(frozen=True)
 class Record:
     """One recording of one IMU, and what is known of it.
 
@@ -45,6 +59,8 @@ class Record:
     axis: int = DOWN
     """The body's axis about which the plate turns, by the right-hand rule: its number in
     `lbgc.frames.AXES`"""
+    held: Held | None = None
+    """Of an IMU that was held at rest in several attitudes; None where only a plate turned it"""
     notes: tuple[str, ...] = ()
     """Plain sentences that belong to the recording's results: how its clock was read, what of its
     frame could not be checked."""
@@ -63,6 +79,12 @@ class Record:
     def triads(self) -> Mapping[str, np.ndarray]:
         """The samples of gyro and accel, (T, 3), SI."""
         return {"gyro": self.gyro, "accel": self.accel}
+
+    @property
+    def has_reference(self) -> bool:
+        """Whether a reference says where it looked."""
+        headings = () if self.held is None else self.held.headings
+        return self.heading_reference is not None or len(headings) > 0
 
     @property
     def duration_s(self) -> float:
@@ -101,6 +123,14 @@ class TriadRecord:
     def triads(self) -> Mapping[str, np.ndarray]:
         """The samples of this triad, (T, 3), SI, by its name."""
         return {self.part: self.values}
+
+
+def require_on_plate(record: Record) -> None:
+    """Raise InputError where the recording is of an IMU that was held in several attitudes: whoever
+    takes it for a plate's would answer wrongly."""
+    about = "is one attitude after the other and not of a plate, and only estimator=tumble answers "
+    about += "that: python lbgc/evaluate.py estimator=tumble"
+    require(record.held is None, "recording", record.name, about)
 
 
 SAMPLED = ("gyro", "accel", "plate_angle")

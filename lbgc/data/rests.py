@@ -1,4 +1,4 @@
-"""The stretches of a recording in which its plate rests."""
+"""The stretches of a recording in which its plate rests, or a hand holds the IMU at rest."""
 
 from dataclasses import dataclass, replace
 
@@ -17,6 +17,18 @@ _STAYS = 0.1 * DEG
 """Travel within a stretch, rad, above which it is a slow turn."""
 _LEAST_S = 2.0
 """The shortest rest, s."""
+_HAND_BLOCK_S = 0.25
+"""Length of the blocks by which handling is found, s."""
+_TURNS, _SWINGS, _PUSHED = 1.0 * DEG, 0.1 * DEG, 0.03
+"""Mean rate of a block less the median of all, rad/s, and changes of its mean rate, rad/s, and mean
+force, m/s^2, from the last block's, from which on an IMU is handled. A hand does many times more;
+what gyros read at rest differs less from one attitude to another, by their g-sensitivity."""
+_SPREADS = 8.0
+"""The same in standard deviations of blocks at rest, where the sensor is so noisy."""
+_GUARD_S = 0.5
+"""Time next to handling that is left out, s: it begins and ends slowly."""
+_LEAST_HELD_S = 3.0
+"""The shortest stretch in which an IMU is taken as held, s, the time left out not counted."""
 _EXACT = 0.5
 """The share of a rest's readings that are equal where the encoder does not flicker."""
 
@@ -32,9 +44,14 @@ class Rest:
 
     def of(self, record: Record) -> Record:
         """The recording of this rest alone, as a resting recording."""
+        name = f"{record.name} at {self.angle / DEG:.4g} deg"
+        if record.held is not None:
+            first, last = (n / record.rate_hz for n in (self.samples.start, self.samples.stop))
+            name = f"{record.name} from {first:.4g} to {last:.4g} s"
         return replace(
             record,
-            name=f"{record.name} at {self.angle / DEG:.4g} deg",
+            name=name,
+            held=None,
             gyro=record.gyro[self.samples],
             accel=record.accel[self.samples],
             plate_angle=np.zeros(self.samples.stop - self.samples.start),
@@ -52,7 +69,11 @@ class Rest:
 
 def rests(record: Record) -> list[Rest]:
     """The rests of a recording, in order of time. Half a second next to a slew is left out, in
-    which the plate may not rest quite."""
+    which the plate may not rest quite. Where a hand holds the IMU: its poses, as they are listed or
+    as they are found."""
+    if record.held is not None:
+        spans = [slice(*own) for own in record.held.poses] or held_still(record)
+        return [Rest(own, 0.0) for own in spans]
     size = max(1, round(_BLOCK_S * record.rate_hz))
     n = len(record.gyro) // size
     if n < 2:
@@ -73,6 +94,40 @@ def rests(record: Record) -> list[Rest]:
             samples = slice(samples.start, len(record.gyro))
         found.append(Rest(samples, float(np.median(record.plate_angle[samples]))))
     return found
+
+
+def held_still(record: Record) -> list[slice]:
+    """The stretches in which an IMU that a hand moves from one attitude to another is held at rest,
+    by its own gyros and accelerometers: samples, in order of time.
+
+    It is at rest for most of the time, so that medians over all blocks are of blocks at rest.
+    """
+    size = max(1, round(_HAND_BLOCK_S * record.rate_hz))
+    n = len(record.gyro) // size
+    if n < 2:
+        return []
+    blocks = (own[: n * size].reshape(n, size, 3) for own in (record.gyro, record.accel))
+    rate, force = (own.mean(axis=1, dtype=float) for own in blocks)
+    off = np.abs(rate - np.nanmedian(rate, axis=0))
+    still = (off <= np.maximum(_TURNS, _SPREADS * _step(rate))).all(axis=1)  # nor where it is NaN
+    for means, least in ((rate, _SWINGS), (force, _PUSHED)):
+        steps = np.abs(np.diff(means, axis=0))
+        alike = (steps <= np.maximum(least, _SPREADS * _step(means))).all(axis=1)
+        still &= np.r_[alike, True] & np.r_[True, alike]
+    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
+    guard = max(1, round(_GUARD_S * record.rate_hz / size))
+    found = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):  # of blocks
+        begin, end = first + guard * (first > 0), last - guard * (last < n)
+        if (end - begin) * size >= _LEAST_HELD_S * record.rate_hz:
+            found.append(slice(int(begin * size), int(end * size)))
+    return found
+
+
+def _step(means: np.ndarray) -> np.ndarray:
+    """1 sigma of the change from one block's mean to the next at rest, by the median change: (n, 3)
+    to (3,)."""
+    return np.asarray(1.4826 * np.nanmedian(np.abs(np.diff(means, axis=0)), axis=0))
 
 
 def longest_rest(record: Record) -> Record:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.fft
 
 from lbgc.data import course
-from lbgc.data.record import Record, TriadRecord, require_one_rate
+from lbgc.data.record import Record, TriadRecord, require_on_plate, require_one_rate
 from lbgc.errors import InputError
 from lbgc.frames import AXES as AXES
 from lbgc.sensor.fitting.counts import ENOUGH, count_size
@@ -73,9 +73,13 @@ def at_rest(
     """Recordings of one clock, cut to one length, and what is noted of them.
 
     name : in messages; session : (R,), the power-up of each, or None; skip_s : s, left out at the
-    start of each. Raises InputError where their rates differ, or they are shorter than a minute.
+    start of each. Raises InputError where their rates differ, they are shorter than a minute, or of
+    an IMU that was held in several attitudes.
     """
     require_one_rate(recorded)
+    for own in recorded:
+        if isinstance(own, Record):
+            require_on_plate(own)
     turned = any(isinstance(own, Record) and course.turns_evenly(own) for own in recorded)
     parts = [course.resting_parts(own) if isinstance(own, Record) else [own] for own in recorded]
     records: list[Record | TriadRecord] = [one for own in parts for one in own]

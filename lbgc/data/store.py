@@ -23,7 +23,7 @@ from lbgc.data.documents import Layout, documents
 from lbgc.data.encoding import encoded, is_zero, with_checksum
 from lbgc.data.files import ROOT, names_of, row_files, shard_of
 from lbgc.data.place import Place, writing
-from lbgc.data.record import Record
+from lbgc.data.record import Held, Record
 from lbgc.data.remembered import Remembered
 from lbgc.data.schema import READ, RECORDED, SCHEMA, SPLITS, VARIABLES
 from lbgc.data.verification import State, remember, state
@@ -223,11 +223,21 @@ class Dataset:
     @property
     def _axis(self) -> int:
         """The axis of the body about which its plate turns; down, if nothing says another."""
-        said: Any = self._group.attrs["configuration"]
-        protocol = said.get("protocol") if isinstance(said, Mapping) else None
-        axis = protocol.get("axis") if isinstance(protocol, Mapping) else None
+        axis = self._protocol.get("axis")
         require(axis is None or axis in AXES, "data", self.place, "has a plate about no axis")
         return DOWN if axis is None else AXES.index(axis)
+
+    @property
+    def _tumbles(self) -> bool:
+        """Whether a hand held the IMU, as far as its configuration says."""
+        return self._protocol.get("kind") == "tumble"
+
+    @property
+    def _protocol(self) -> Mapping[str, Any]:
+        """What its configuration says of the protocol; nothing where it is of another shape."""
+        said: Any = self._group.attrs["configuration"]
+        protocol = said.get("protocol") if isinstance(said, Mapping) else None
+        return protocol if isinstance(protocol, Mapping) else {}
 
     @property
     def rate_hz(self) -> float:
@@ -340,12 +350,13 @@ class Dataset:
     def records(self, indices: np.ndarray) -> Iterator[Record]:
         """The recordings at these indices, ascending; a chunk is read once, and then let go."""
         labels = {n: self.label(n) for n in ("heading", "heading_reference", "latitude")}
-        axis = self._axis
+        axis, held = self._axis, self._tumbles
+        names = ("gyro", "accel", "plate_angle", *(("attitude",) if held else ()))
         ascending = np.sort(indices)
         ends = np.flatnonzero(np.diff(ascending // self.layout.chunk("gyro"))) + 1
         for inside in np.split(ascending, ends) if len(ascending) else ():
             span = slice(int(inside[0]), int(inside[-1]) + 1)
-            data = {n: self._decoded(n, span) for n in ("gyro", "accel", "plate_angle")}
+            data = {n: self._decoded(n, span) for n in names}
             for i in inside:
                 at = int(i) - span.start
                 yield Record(
@@ -358,7 +369,14 @@ class Dataset:
                     heading=float(labels["heading"][i]),
                     heading_reference=float(labels["heading_reference"][i]),
                     axis=axis,
+                    held=self._held(data["attitude"][at], labels["heading"][i]) if held else None,
                 )
+
+    def _held(self, attitude: np.ndarray, heading: float) -> Held:
+        """What is known of a tumble. attitude : (T, 3), as it is stored; heading : its label."""
+        true = attitude.astype(float)
+        true[:, 2] += heading
+        return Held(attitude=true)
 
     def _decoded(self, name: str, span: slice) -> np.ndarray:
         scale = self.layout.scales.get(name)

@@ -14,6 +14,7 @@ from lbgc.data.record import (
     block_means,
     means_between,
     nearest_samples,
+    require_on_plate,
     true_rate,
     whole_multiple,
 )
@@ -134,6 +135,7 @@ def cut(record: Record, window_s: float) -> Windows:
 
     Raises InputError where no whole number of samples is within 2% of the length.
     """
+    require_on_plate(record)
     size = nearest_samples(window_s, record.rate_hz)
     if size is None:
         raise InputError(
@@ -215,7 +217,10 @@ def at_rate(windows: Windows, rate_hz: float) -> Windows:
 def stack(records: Iterable[Record], rate_hz: float) -> Labelled:
     """A training set in memory: whole recordings of one length, averaged to one rate, each as one
     window."""
-    rows: Sequence[Record] = [block_means(r, rate_hz) for r in records]
+    rows: list[Record] = []
+    for record in records:
+        require_on_plate(record)
+        rows.append(block_means(record, rate_hz))
     windows = Windows(
         gyro=np.stack([r.gyro for r in rows]),
         accel=np.stack([r.accel for r in rows]),

@@ -2,9 +2,11 @@
 
 from functools import partial
 
-from lbgc.estimators import inertial, kalman, rotation_modulation, static
-from lbgc.estimators.estimate import Estimator
+from lbgc.estimators import inertial, kalman, rotation_modulation, static, tumble
+from lbgc.estimators.estimate import Estimator, TellsPoses
 
+FROM_POSES: dict[str, TellsPoses] = {"tumble": tumble.tumble}
+"""Estimators of an IMU that is held in several attitudes, each answering a recording's poses."""
 CLASSICAL: dict[str, Estimator] = {
     "mean": static.mean,
     "triad": static.triad,

@@ -119,6 +119,8 @@ def course_of(
     the servo takes to bring the plate to rest after each slew. Raises InputError where the window
     is too short to leave a rest between slews.
     """
+    about = "has no plate, and this is the bound of a plate's course; tumble=[6] has that of poses"
+    require(config.kind != "tumble", "protocol.kind", config.kind, about)
     planned = plan(config, 0, duration_s)
     fine = 40
     interval = duration_s / MOST_BLOCKS

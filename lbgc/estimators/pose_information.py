@@ -50,6 +50,7 @@ from lbgc.estimators.error_patterns import (
     signal,
 )
 from lbgc.estimators.held import ERRORS, Held, Layout, SensorErrors, Turn
+from lbgc.frames import about_vertical, rotation_z
 from lbgc.sensor import errors
 from lbgc.sensor.imu import ImuModel
 from lbgc.sensor.known import Coefficient
@@ -184,8 +185,7 @@ def form(
     root = scipy.linalg.solve_triangular(S, wanted.T, trans="T").T
     by = root @ (taken.T @ both)
     tilt = np.moveaxis(by[len(lasting) :].reshape(2, of.count, -1), 0, 1)
-    D = of.between()
-    delta = np.arctan2(D[:, 1, 0] - D[:, 0, 1], D[:, 0, 0] + D[:, 1, 1])
+    delta = about_vertical(of.between())
     return Form(
         of.count, known, of.linked, delta, J[:, -1], J[:, :-1], by[:ERRORS, -1], by[:ERRORS, :-1],
         root[:3] @ root[:3].T, tilt[..., -1], tilt[..., :-1],
@@ -274,9 +274,7 @@ def _turns(
         turn = of.turns[p]
         assert turn is not None
         slow = _wandered(imu, of.layout.duration_s, turn.seconds)
-        angle = np.arctan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])
-        c, s = np.cos(angle), np.sin(angle)
-        about = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        about = rotation_z(about_vertical(D))
         L = of.base[p]
         E = D @ about.T
         d[k] = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2

@@ -16,7 +16,7 @@ from lbgc.estimators.held import Held, anew, held
 from lbgc.estimators.pose_information import Form, form
 from lbgc.estimators.torus import PARTICLES, Mixture, Torus, mixture, particles
 from lbgc.estimators.untold import untold
-from lbgc.frames import rotation_matrix, rotation_z, wrap
+from lbgc.frames import about_vertical, rotation_matrix, rotation_z, wrap
 from lbgc.sensor import streams
 from lbgc.sensor.imu import ImuModel
 
@@ -154,14 +154,12 @@ def _several(modes: tuple[Mode, ...]) -> list[str]:
     """What to say where the headings can be held in several ways."""
     if len(modes) < 2:
         return []
-    weights = ", ".join(f"{own.weight:.0%}" for own in modes[:6])
     return [
-        f"{len(modes)} ways to hold the headings fit, of probability {weights}: a pose at another "
-        "heading, or on another side, would tell which"
+        f"{len(modes)} ways to hold the headings fit: a pose at another heading, or on another "
+        "side, would tell which"
     ]
 
 
 def turned_by(attitude: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Errors of attitudes about the vertical, rad, (P,). attitude, truth : (P, 3, 3), C_nb."""
-    off = attitude @ np.swapaxes(truth, 1, 2)
-    return np.asarray(np.arctan2(off[:, 1, 0] - off[:, 0, 1], off[:, 0, 0] + off[:, 1, 1]))
+    return about_vertical(attitude @ np.swapaxes(truth, 1, 2))

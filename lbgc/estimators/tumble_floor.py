@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lbgc.attitudes import uniform
 from lbgc.earth import normal_gravity
 from lbgc.estimators.held import Held, planned
 from lbgc.estimators.pose_information import form
@@ -43,17 +44,6 @@ class Tumbling:
         return self.poses * self.dwell_s + (self.poses - 1) * self.handling_s
 
 
-def attitudes(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Attitudes C_nb, (count, 3, 3), each as probable as any other: those of unit quaternions."""
-    w, x, y, z = (own := rng.standard_normal((4, count))) / np.linalg.norm(own, axis=0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def small_errors(
     of: Held, imu: ImuModel, heading: np.ndarray, latitude: float | None = None
 ) -> np.ndarray:
@@ -75,7 +65,7 @@ def expected(
     g = normal_gravity(latitude) if gravity is None else gravity
     closed, every = np.empty(draws), np.empty(draws)
     for k in range(draws):
-        truth = attitudes(rng, plan.poses)
+        truth = uniform(rng, plan.poses)
         of = planned(truth, plan.dwell_s, plan.handling_s, latitude, g, imu, plan.integrated)
         heading = turned_by(truth, of.base)
         own = form(of, imu, heading)

@@ -21,6 +21,7 @@ class Purpose(IntEnum):
     ACCEL = 2
     TIMING = 3
     MOTION = 4
+    ATTITUDES = 5
 
 
 _RECORDING, _UNIT, _SESSION, _SPLIT, _TRAINING, _FIGURES = range(6)

@@ -11,10 +11,15 @@ stands the linear answer: what that bound's own estimator, which is told the tru
 about errs by on the same data: its mean square is the bound, and taken off as far as it differs
 from that it takes most of the scatter with it. The plain figures stand beside, and the linear
 answer's own normalised squared error, which is 1 where the data are as the model says. Errors of
-one log's poses depend on each other (turns tie them together), so errors are over runs.
+one log's poses depend on each other (turns tie them together), so errors are over runs: a hundred
+unbroken logs tell an NSE to 0.15 only, as the squares of a hundred normal errors do.
+
+A few cases more are through MuJoCo, with protocol=tumble: a hand carries each sensor, which filters
+and counts, from attitude to attitude, and its rests are found by themselves.
 """
 
 import contextlib
+import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -22,16 +27,23 @@ from itertools import product
 
 import numpy as np
 from common import Report, cases
+from helpers import default_config
 from tqdm import tqdm
 from tumbled import LATITUDE, poses, sensor
 
+import sim.generate
 from lbgc import cores
+from lbgc.attitudes import uniform
+from lbgc.data.poses import Poses, poses_of
+from lbgc.data.store import Dataset
 from lbgc.errors import InputError
 from lbgc.estimators.held import held
 from lbgc.estimators.pose_information import form
 from lbgc.estimators.torus import Torus
 from lbgc.estimators.tumble import solved, tumble, turned_by
-from lbgc.estimators.tumble_floor import attitudes, small_errors
+from lbgc.estimators.tumble_floor import small_errors
+from lbgc.frames import euler_to_matrix
+from lbgc.sensor.imu import ImuModel
 
 CASES = cases("tumble")
 KINDS = ("separate", "integrated")
@@ -56,8 +68,12 @@ class Run:
 def one(name: str, count: int, dwell_s: float, seed: Sequence[int]) -> list[Run]:
     """A log of each kind."""
     rng, imu = np.random.default_rng(seed), sensor(name)
-    truth = attitudes(rng, count)
-    log = poses(rng, imu, truth, dwell_s)
+    truth = uniform(rng, count)
+    return answered(poses(rng, imu, truth, dwell_s), imu, truth)
+
+
+def answered(log: Poses, imu: ImuModel, truth: np.ndarray) -> list[Run]:
+    """A log, answered as of either kind. truth : (P, 3, 3), C_nb."""
     found = []
     for integrated in (False, True):
         own = replace(log, integrated=integrated)
@@ -92,7 +108,7 @@ def latitude(name: str, count: int, dwell_s: float, seed: Sequence[int]) -> list
     """Whether the latitude's interval holds it, of a log of each kind."""
     rng, imu = np.random.default_rng(seed), sensor(name)
     at = float(np.arcsin(rng.uniform(-1, 1)))
-    log = poses(rng, imu, attitudes(rng, count), dwell_s, latitude=at, known=False)
+    log = poses(rng, imu, uniform(rng, count), dwell_s, latitude=at, known=False)
     inside = []
     for integrated in (False, True):
         interval: tuple[float, float] | None = (-np.pi, np.pi)  # where nothing is told: anywhere
@@ -130,6 +146,8 @@ def scored(runs: Sequence[Run]) -> dict[str, float]:
         "rmse_deg": float(np.rad2deg(np.sqrt(square.mean()))),
         "below_6": float(as_lengths.mean()),
         "below_20": float(normally.mean()),
+        **_ratio("over_bound_all", square, bound),
+        **_mean("nse_all", normal),
         **_ratio("over_bound", steady[as_lengths], bound[as_lengths]),
         **_ratio("over_bound_plain", square[as_lengths], bound[as_lengths]),
         **_mean("nse", steady_normal[normally]),
@@ -170,6 +188,47 @@ def coverage(study: Report, pool: ProcessPoolExecutor) -> None:
     study.line(f"  together {share:.1%} of {len(joint)} (standard error {error:.1%})")
     study.summary["latitude_interval_coverage_percent"] = round(100 * float(share), 2)
     study.summary["latitude_interval_coverage_error_percent"] = round(100 * float(error), 2)
+
+
+def through_mujoco(study: Report, pool: ProcessPoolExecutor, drawn: Sequence[dict]) -> None:
+    """Cases whose logs are of a hand in MuJoCo, beside those drawn: RMSE over bound, and NSE."""
+    of, rows = CASES["mujoco"], []
+    count, rate = of["recordings"], of["rate_hz"]
+    seconds = of["poses"] * of["dwell_s"] + (of["poses"] - 1) * of["handling_s"]
+    protocol = [f"protocol.{key}={of[key]}" for key in ("poses", "dwell_s", "handling_s")]
+    for name in of["sensors"]:
+        with tempfile.TemporaryDirectory() as home:
+            config = default_config(
+                "protocol=tumble", *protocol, f"imu={name}", f"latitude={np.rad2deg(LATITUDE)}",
+                f"recordings={count}", f"units={count}", f"rate_hz={rate}",
+                f"duration_s={seconds}", f"seed={CASES['seed']}", f"out={home}/held.zarr",
+            )  # fmt: skip
+            dataset = Dataset.open_finished(sim.generate.main(config))
+            logs, truths = [], []
+            for record in dataset.records(np.arange(count)):
+                log = poses_of(record)
+                assert record.held is not None
+                assert record.held.attitude is not None
+                middle = [(first + last) // 2 for first, last in log.rests]
+                logs.append(log)
+                truths.append(euler_to_matrix(*record.held.attitude[middle].T))
+        found = pool.map(answered, logs, [config.imu.model(rate)] * count, truths)
+        for kind, runs in zip(KINDS, zip(*found, strict=True), strict=True):
+            own = {"imu": name, "kind": kind, "poses": of["poses"], "dwell_s": of["dwell_s"]}
+            beside = [row for row in drawn if row.items() >= own.items()]
+            rows.append(own | scored(runs))
+            study.line(f"  {name:10s} {kind:11s} {_compared(rows[-1])}")
+            for row in beside:
+                study.line(f"  {'':10s} {'drawn':11s} {_compared(row)}")
+    study.summary["mujoco"] = rows
+
+
+def _compared(row: dict) -> str:
+    """RMSE over bound and NSE, in words, over all runs of a case."""
+    return (
+        f"RMSE {row['rmse_deg']:.3f}, over the bound {row['over_bound_all']:.3f} +-"
+        f"{row['over_bound_all_error']:.3f}, NSE {row['nse_all']:.3f} +-{row['nse_all_error']:.3f}"
+    )
 
 
 def main() -> None:
@@ -227,6 +286,10 @@ def main() -> None:
                 "tumble_nees_plain_max": max(row["nse_plain"] for row in normal),
                 "tumble_linear_nees_mean": float(np.mean([row["linear_nse"] for row in normal])),
             }
+        of = CASES["mujoco"]
+        study.line(f"through MuJoCo, {of['poses']} poses of {of['dwell_s']:g} s, handled for "
+                   f"{of['handling_s']:g} s each, {of['recordings']} sensors:")  # fmt: skip
+        through_mujoco(study, pool, found)
         study.line("how often the 95% interval of an unknown latitude holds it:")
         coverage(study, pool)
 

@@ -3,12 +3,14 @@ it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
+from lbgc.data.checks.carried import carried_finding
 from lbgc.data.checks.felt import felt_finding, is_felt, late_note
 from lbgc.data.checks.findings import CHECKS, Finding
-from lbgc.data.checks.moved import PLATE, TURNED, moved_finding
+from lbgc.data.checks.moved import HELD, PLATE, TURNED, handled_finding, laid_finding, moved_finding
 from lbgc.data.checks.plausible import force_finding, rate_finding, resting
 from lbgc.data.checks.printed import channels, counts_finding, held_finding, rail_finding
 from lbgc.data.checks.references import FEWEST, agree, turning_finding
@@ -63,9 +65,15 @@ def _findings(
 ) -> Iterator[Finding]:
     """The findings of all checks, in an order in which the first refusal names the cause: values,
     units, frames, geometry."""
+    if record.held is not None:
+        yield from _held_findings(record, config, imu, north)
+        return
     if np.ptp(record.plate_angle) > PLATE:
         yield from _turned_findings(record, config, imu, north)
         return
+    laid = laid_finding(record)
+    if laid is not None:
+        yield laid
     yield from _value_findings(record, config, imu)
     moved = moved_finding(record, north)
     if moved is not None:
@@ -112,6 +120,43 @@ def _value_findings(record: Record, config: LogConfig, imu: ImuModel | None) -> 
     yield from (found for found in values if found is not None)
 
 
+def _value_findings_of(
+    parts: Sequence[Record], config: LogConfig, imu: ImuModel | None
+) -> Iterator[Finding]:
+    """The findings on the values of several rests, one of each check."""
+    first: dict[str, Finding] = {}
+    for one in (finding for part in parts for finding in _value_findings(part, config, imu)):
+        if one.check not in first or (one.refuses and not first[one.check].refuses):
+            first[one.check] = one
+    yield from first.values()
+
+
+def _held_findings(
+    record: Record, config: LogConfig, imu: ImuModel | None, north: bool
+) -> Iterator[Finding]:
+    """The findings on a recording of an IMU that is held in several attitudes: on the values of
+    each, on the turns between them, and on units by the means of the first. No attitude is
+    wrong."""
+    found = rests(record)
+    parts = [rest.of(record) for rest in found]
+    handled = (handled_finding(part) or moved_finding(part, north, HELD) for part in parts)
+    yield from islice(filter(None, handled), 1)
+    yield from _value_findings_of(parts, config, imu)
+    carried = carried_finding(record, found, config)
+    if carried is not None:
+        yield carried
+        return
+    placed = np.isfinite(record.latitude)
+    for part in parts[:1]:
+        rest = resting(part, config, imu)
+        anywhere = rest.latitude if placed else ANYWHERE
+        force = force_finding(rest.name, rest.force, anywhere, config, record.rate_hz)
+        rate = None
+        if placed and force is None:
+            rate = rate_finding(rest, config, record.rate_hz, north)
+        yield from (one for one in (force, rate) if one is not None)
+
+
 def _turned_findings(
     record: Record, config: LogConfig, imu: ImuModel | None, north: bool
 ) -> Iterator[Finding]:
@@ -120,12 +165,7 @@ def _turned_findings(
     is no fault there."""
     found = rests(record)
     parts = [rest.of(record) for rest in found] or [record]
-    each = (finding for part in parts for finding in _value_findings(part, config, imu))
-    first: dict[str, Finding] = {}
-    for one in each:
-        if one.check not in first or (one.refuses and not first[one.check].refuses):
-            first[one.check] = one
-    yield from first.values()
+    yield from _value_findings_of(parts, config, imu)
     moved = (moved_finding(part, north, TURNED) for part in parts)
     level_part = found[0].level_of(record) if found else record
     resting_part = resting(level_part, config, imu)

@@ -3,7 +3,9 @@
 import numpy as np
 
 from lbgc.data.checks.findings import Finding
+from lbgc.data.checks.plausible import down_of
 from lbgc.data.record import Record, TriadRecord
+from lbgc.data.rests import held_still
 from lbgc.data.static import AXES
 from lbgc.units import DEG
 
@@ -18,16 +20,56 @@ _SPREADS = 8.0
 """The least size of a turn, in standard deviations of the angles that the log turns otherwise."""
 _EDGE = 0.02
 """Share of a turn that is left out at its start and at its end when these are timed."""
+_LAID = 10.0 * DEG
+"""Angle, rad, between the downs of two rests from which on they are attitudes of their own: no base
+leans so."""
 PLATE = 0.01 * DEG
 """Angle of the encoder, rad, from which on the plate is known to turn."""
 
 
 UNTURNED = (
     "a log without an encoder's angle is taken for resting; cut it there, each part a log of its "
-    "own, or state its positions (log.positions)"
+    "own, or state its positions (log.positions); one that was laid in several attitudes is for "
+    "estimator=tumble"
 )
 TURNED = "the plate's angle says that it rests there"
-"""Why a turn is a fault: in a log without angles, and in one that has them."""
+HELD = "it is taken as held at rest all the while; list the stretches in which it was (log.poses)"
+"""Why a turn is a fault: in a log without angles, in one that has them, and in one without a
+plate."""
+
+
+def laid_finding(record: Record) -> Finding | None:
+    """The finding that the recording is of an IMU that was laid in several attitudes, which nobody
+    but a tumble's estimator may take for one at rest. None where it was not, by its own rests."""
+    found = held_still(record)
+    if np.ptp(record.plate_angle) > PLATE or len(found) < 2:
+        return None
+    down = np.array([down_of(record.accel[own].mean(axis=0)) for own in found])
+    off = np.arccos(np.clip(down @ down[0], -1.0, 1.0))
+    other = int(off.argmax())
+    if off[other] < _LAID:
+        return None
+    first = found[other].start / record.rate_hz
+    return Finding(
+        "moved",
+        f"{record.name}: laid",
+        round(float(off[other]) / DEG, 1),
+        "deg",
+        f"from its first attitude by {first:.4g} s, in {len(found)} attitudes altogether: only "
+        "estimator=tumble answers that",
+    )
+
+
+def handled_finding(part: Record) -> Finding | None:
+    """The finding that an IMU was handled in a stretch that is listed as one in which it was held
+    at rest. None where it was not."""
+    found = held_still(part)
+    if len(found) == 1 and (found[0].stop - found[0].start) / part.rate_hz > part.duration_s - 0.5:
+        return None
+    rests = [(own.start / part.rate_hz, own.stop / part.rate_hz) for own in found]
+    which = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in rests) or "nowhere"
+    says = f"since its start is where it rests: {HELD}"
+    return Finding("moved", f"{part.name}: at rest", which, "", says)
 
 
 def moved_finding(record: Record | TriadRecord, north: bool, why: str = UNTURNED) -> Finding | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from lbgc.data.record import Record
+from lbgc.data.record import Record, require_on_plate
 from lbgc.data.static import AXES
 from lbgc.errors import InputError
 
@@ -57,6 +57,7 @@ def means(records: Iterable[Record]) -> Means:
     heading, latitude, names = [], [], []
     notes: dict[str, None] = {}
     for record in records:
+        require_on_plate(record)
         if record.heading_reference is None:
             raise InputError(
                 record.name, "(unknown)", "", "has no heading: give labelled recordings"

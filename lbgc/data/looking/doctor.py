@@ -41,6 +41,8 @@ _PLATE = ("plate_column", "positions", "angles_deg")
 _BESIDE = ("temperature_column", "heading_column", "plate_column", "positions", "angles_deg",
            "gap_s")  # fmt: skip
 """Keys of what is read beside the sensors."""
+_TUMBLED = "evaluate estimator=tumble finds the heading of each, from the whole log (README)"
+"""What the commands do with a log of several attitudes."""
 _TO_OPEN = ("table", "dtype", "skip_bytes")
 """Keys without which some files have no columns."""
 
@@ -301,6 +303,8 @@ def _cut(still: stretch.Stretch, means: Means, case: _Case) -> None:
         if still.last < len(means.gyro):
             case.note(Guess("to_s", round(last, 3), f"it moves from {last:.6g} s on"))
         case.facts.append(f"it rests from {first:.6g} to {last:.6g} s, its longest stretch")
+        if means.accel.shape[1] and (count := stretch.attitudes(means.accel, still)) > 1:
+            case.facts.append(f"it was laid in {count} attitudes: {_TUMBLED}")
     elif still.moving_s:
         case.facts.append(f"it rests but for {still.moving_s:.3g} s of knocks or motion")
 

@@ -1,6 +1,7 @@
 """From when to when a log rests: its longest stretch in which nothing moves."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,6 +22,8 @@ _TURNS = 0.03
 """Share of the fastest motion's rate by which the rates of two rests differ at most."""
 _SHAKES = 0.5
 """The turn that a knock leaves, over the noise within it, at most."""
+_ANOTHER = float(np.cos(np.deg2rad(10.0)))
+"""Cosine of the angle between the forces of two rests from which on they are two attitudes."""
 _MOST = 0.02
 """The share of the log that the rest must lack for it to be cut."""
 
@@ -60,6 +63,14 @@ def rest(gyro: np.ndarray, accel: np.ndarray, rate_hz: float) -> Stretch:
     end = len(gyro) if last == count else last * size
     rests = tuple((a * size, len(gyro) if b == count else b * size) for a, b in runs)
     return Stretch(first * size, end, float(moves.sum()) * size / rate_hz, rests)
+
+
+def attitudes(accel: np.ndarray, still: Stretch) -> int:
+    """In how many different attitudes it rests one after the other: stretches whose mean force
+    points another way than in the one before, and one. accel : (T, 3), in any unit."""
+    means = [accel[first:last].mean(axis=0) for first, last in still.rests]
+    ways = [mean / max(float(np.linalg.norm(mean)), 1e-300) for mean in means]
+    return 1 + sum(float(one @ other) < _ANOTHER for one, other in pairwise(ways))
 
 
 def _means(values: np.ndarray, size: int, count: int) -> tuple[np.ndarray, np.ndarray]:

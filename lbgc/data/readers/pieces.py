@@ -41,10 +41,11 @@ def pieces_of(raw: Raw, clock: EvenPieces, shift_s: float = 0.0) -> Iterator[Pie
     pieces, cut = within(clock, raw.config, raw.name, shift_s)
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"], pieces)
-    if raw.config.positions is not None:
-        whole = pieces == [slice(0, len(raw.gyro))]
+    for key in ("positions", "poses"):
+        listed = getattr(raw.config, key)
+        whole = listed is None or pieces == [slice(0, len(raw.gyro))]
         about = f"is for {raw.name} from its first sample to its last, in one piece"
-        require(whole, "log.positions", raw.config.positions, about)
+        require(whole, f"log.{key}", listed, about)
     for number, piece in enumerate(pieces, start=1):
         name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
         gyro, accel, rate, notes = sampled(
