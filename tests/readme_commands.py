@@ -45,6 +45,13 @@ def furnish(home: Path, rows: int) -> None:
     np.savetxt(home / "datasheet.csv", curve, delimiter=",", header="tau,deviation", comments="")
     header = "w_x,w_y,w_z,f_x,f_y,f_z"
     np.savetxt(home / "mylog.csv", log, delimiter=",", header=header, comments="", fmt="%.7g")
+    (home / "labelled").mkdir(exist_ok=True)
+    for heading in range(0, 360, 36):
+        north, east = 0.0028 * np.cos(np.deg2rad(heading)), 0.0028 * np.sin(np.deg2rad(heading))
+        rest = np.add(mean, [north, 0.0028 - east, 0.0, 0.0, 0.0, 0.0])
+        rest = rest + np.random.default_rng(heading).standard_normal((rows // 2, 6)) * spread
+        path = home / f"labelled/x_{heading}.csv"
+        np.savetxt(path, rest, delimiter=",", header=header, comments="", fmt="%.7g")
     _furnish_held(home)
     for name, turn in (("up", 1.0), ("down", -1.0)):
         rest = np.multiply(mean, [turn, turn, 1.0, turn, turn, 1.0])
