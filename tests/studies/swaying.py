@@ -135,7 +135,7 @@ def _real_window(
     after: float,
 ) -> None:
     whole = labelled(record, window)
-    tested = whole.rows(whole.windows.start_s >= after)
+    tested = whole.rows(np.flatnonzero(whole.windows.start_s >= after)[: c["real_windows"]])
     found = {}
     for name, estimate in (dict(models) | classical(c)).items():
         own = scored((turned(tested, a) for a in angles(c)), {name: estimate}, imu, "reference")
