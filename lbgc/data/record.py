@@ -102,6 +102,11 @@ class TriadRecord:
         """The samples of this triad, (T, 3), SI, by its name."""
         return {self.part: self.values}
 
+    @property
+    def duration_s(self) -> float:
+        """The recording's duration, s."""
+        return len(self.values) / self.rate_hz
+
 
 SAMPLED = ("gyro", "accel", "plate_angle")
 """Fields of a recording, and of windows, that have a value for each sample."""

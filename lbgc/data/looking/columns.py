@@ -83,7 +83,7 @@ def find(sheet: Sheet) -> Columns:
     if others["plate"] == others["heading"]:
         others["plate"] = None
     taken = {*time, *(at for at in others.values() if at is not None)}
-    six, which = _by_name(sheet, says), None
+    six, which = _by_name(says), None
     gyros = 3
     if six is None:
         left_over = [c for c in numeric if c.at not in taken]
@@ -97,6 +97,44 @@ def find(sheet: Sheet) -> Columns:
     return Columns(
         tuple(six[:gyros]), tuple(six[gyros:]), time, others["plate"], left, tuple(guesses)
     )
+
+
+def find_one(sheet: Sheet, part: str) -> Columns:
+    """Find a sheet's columns as `find` does, where only one triad, gyro or accel, is read of it."""
+    says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
+    numeric = list(_numeric(sheet))
+    time, when = _time(sheet, says, numeric)
+    others = {name: _named(sheet, name) for name in _OTHERS}
+    if others["plate"] == others["heading"]:
+        others["plate"] = None
+    taken = {*time, *(at for at in others.values() if at is not None)}
+    at = _of_kind(says, part) or ([sheet.names.index(axis) for axis in "xyz"]
+                                  if set("xyz") <= set(sheet.names) else [])  # fmt: skip
+    guesses = [when] if when is not None else []
+    if not at:
+        left = [c for c in numeric if c.at not in taken and not (c.rises or c.counts)]
+        left = [c for c in left if says[c.at].kind in (None, part)]
+        at = [c.at for c in left] if len(left) == 3 else []
+        value, why = [own + 1 for own in at], "they alone can be its three"
+        doubt = "" if at else "which three are they?"
+        why = why if at else f"{len(left)} columns may be it, where three are looked for"
+        guesses.append(Guess(f"{part}_columns", value or None, why, doubt, sure=bool(at)))
+    guesses += _beside(sheet, numeric, others) if part == "gyro" else ()
+    rest = tuple(c.at for c in numeric if c.at not in taken and c.at not in at and not c.counts)
+    gyro, accel = (tuple(at) if part == own else () for own in ("gyro", "accel"))
+    return Columns(gyro, accel, time, others["plate"], rest, tuple(guesses))
+
+
+def named_triads(sheet: Sheet) -> list[str]:
+    """The triads, gyro and accel, of a sheet whose columns' names say so."""
+    says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
+    return [part for part in ("gyro", "accel") if _of_kind(says, part)]
+
+
+def is_at_one_g(sheet: Sheet, at: Sequence[int]) -> bool:
+    """Whether the means of three columns, by position, are together 1 g in some unit."""
+    values, _ = sheet.head().columns(at)
+    return unit_of_force([float(own.mean()) for own in values]) is not None
 
 
 def _beside(
@@ -154,16 +192,19 @@ def _named(sheet: Sheet, name: str) -> int | None:
     return found[0] if len(found) == 1 else None
 
 
-def _by_name(sheet: Sheet, says: Sequence[Described]) -> list[int] | None:
+def _by_name(says: Sequence[Described]) -> list[int] | None:
     """Gyro and accelerometer columns by their names; None where not all six are named once."""
-    six = []
-    for kind in ("gyro", "accel"):
-        for axis in "xyz":
-            found = [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
-            if len(found) != 1:
-                return None
-            six += found
-    return six
+    both = [_of_kind(says, kind) for kind in ("gyro", "accel")]
+    return both[0] + both[1] if all(both) else None
+
+
+def _of_kind(says: Sequence[Described], kind: str) -> list[int]:
+    """A triad's columns by their names; none where not all three are named once."""
+    found = [
+        [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
+        for axis in "xyz"
+    ]
+    return [own[0] for own in found] if all(len(own) == 1 for own in found) else []
 
 
 def _one_triad(
@@ -176,11 +217,9 @@ def _one_triad(
         ("gyro", "accel", "accelerometers"),
         ("accel", "gyro", "gyros"),
     ):
-        own = [[at for at, said in enumerate(says) if (said.kind, said.axis) == (kind, axis)]
-               for axis in "xyz"]  # fmt: skip
-        if any(len(found) != 1 for found in own) or any(said.kind == other for said in says):
+        at = _of_kind(says, kind)
+        if not at or any(said.kind == other for said in says):
             continue
-        at = [found[0] for found in own]
         nameless = [c for c in columns if c.at not in at and not sheet.names[c.at]]
         rest = [c for c in columns if c.at not in at]
         hidden = kind == "gyro" and any(
