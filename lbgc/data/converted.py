@@ -102,5 +102,5 @@ def _converted(
     for own in blocks(len(values)):
         some = config.counted(part, values[own])
         some *= unit
-        values[own] = some @ matrix.T
+        values[own] = some @ matrix.T if values.shape[1] == len(matrix) else some
     return values

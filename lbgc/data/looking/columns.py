@@ -14,7 +14,7 @@ import numpy as np
 
 from lbgc.data.logconfig import NONE
 from lbgc.data.looking.guess import Guess
-from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
+from lbgc.data.readers.column_names import Described, described, is_gyro, seconds_and_nanoseconds
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.units import FORCE_UNITS, STANDARD_GRAVITY
 
@@ -87,6 +87,13 @@ def find(sheet: Sheet) -> Columns:
     gyros = 3
     if six is None:
         left_over = [c for c in numeric if c.at not in taken]
+        few = _few_axes(sheet, left_over, says)
+        if few is not None:
+            gyro, own = few
+            own += [when] if when is not None else []
+            rest = tuple(c.at for c in left_over if c.at not in gyro and not c.counts)
+            more = tuple(_beside(sheet, numeric, others))
+            return Columns(gyro, (), time, others["plate"], rest, (*own, *more))
         one = _one_triad(sheet, left_over, says)
         six, which = _by_value(sheet, left_over, says) if one is None else one
         gyros = 0 if which.key == "gyro_columns" else 3
@@ -231,6 +238,34 @@ def _one_triad(
     return None
 
 
+def _few_axes(
+    sheet: Sheet, columns: Sequence[_Column], says: Sequence[Described]
+) -> tuple[tuple[int, ...], list[Guess]] | None:
+    """The columns of a gyro of one or two axes, by their names, and the guesses that it is one;
+    None where they are not, or something is called an accelerometer."""
+    own = [c.at for c in columns if c.noise > 0 and says[c.at].kind == "gyro"]
+    if not own:
+        alone = [c.at for c in columns if c.noise > 0 and _is_gyro(sheet, c.at)]
+        own = alone if len(alone) == 1 else []
+    distinct = len({says[at].axis for at in own}) == len(own)
+    if not 1 <= len(own) <= 2 or not distinct or any(said.kind == "accel" for said in says):
+        return None
+    which = ", ".join(named(sheet, at) for at in own)
+    why = f"{which} alone {'is' if len(own) == 1 else 'are'} called so: a gyro of {len(own)} "
+    why += "axis" if len(own) == 1 else "axes"
+    none = "no column is called one of accelerometers: noise of the gyro alone is fitted"
+    guesses = [
+        Guess("gyro_columns", [key(sheet, at) for at in own], why),
+        Guess("accel_columns", NONE, none),
+    ]
+    return tuple(own), guesses
+
+
+def _is_gyro(sheet: Sheet, at: int) -> bool:
+    """Whether a column's name is that of a gyro without an axis."""
+    return is_gyro(sheet.names[at], sheet.units[at] if at < len(sheet.units) else "")
+
+
 def _by_value(
     sheet: Sheet, columns: Sequence[_Column], says: Sequence[Described]
 ) -> tuple[list[int], Guess]:
@@ -262,7 +297,10 @@ def _by_value(
         return six, Guess("columns", one, why)
     if not ways:
         none = "no three columns side by side have together 1 g beside three that may be gyros"
-        doubt = "which six are they, or which three (log.gyro_columns with log.accel_columns=none)?"
+        doubt = (
+            "which six are they, or which one to three are of gyros alone (log.gyro_columns with "
+        )
+        doubt += "log.accel_columns=none)?"
         return [], Guess("columns", None, none, doubt, sure=False)
     several = "; or ".join("[" + ",".join(str(at + 1) for at in six) + "]" for six in ways[:4])
     why = f"several may be: {several}"
