@@ -225,7 +225,12 @@ def _described(
         case.note(Guess("latitude", None, why, doubt, sure=False, heading_only=True))
     if accel is not None and gyro is not None:
         if "axes" not in case.said:
-            for guess in sensor.axes(rest, gyro, latitude):
+            stated_frame = layout.frame(own)
+            for guess in (
+                sensor.axes(rest, gyro, latitude)
+                if stated_frame is None
+                else sensor.stated_axes(rest, gyro, latitude, stated_frame)
+            ):
                 case.note(guess)
         if case.heading and _turned(means, still, own, found, gyro, case):
             return
