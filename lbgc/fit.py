@@ -14,12 +14,13 @@ from tqdm import tqdm
 from lbgc.commands import CONF, run_main
 from lbgc.data import curves, finished_fits, logs
 from lbgc.data.looking.auto import NoiseLog
-from lbgc.data.static import AXES, PARTS, Static, at_rest, require_steady
+from lbgc.data.static import PARTS, Static, at_rest, require_steady
 from lbgc.data.store import Dataset
 from lbgc.errors import InputError, build, require, require_not_negative, require_positive
 from lbgc.estimators.level import tilts_of
 from lbgc.exports import require_formats, written
 from lbgc.exports.subject import Subject
+from lbgc.frames import AXES, axis_names
 from lbgc.outputs import (
     as_json,
     fingerprint,
@@ -32,7 +33,7 @@ from lbgc.report import allan_page, calibration_table, fitted_curve, population
 from lbgc.report.allan_page import AllanData
 from lbgc.report.figures import png
 from lbgc.report.fitted import of_axes, of_axis, report
-from lbgc.report.fitted_beside import Warmth, bias_sizes
+from lbgc.report.fitted_beside import Warmth, bias_sizes, unmeasured
 from lbgc.report.fitted_yaml import curve_yaml, intervals, sensor_yaml
 from lbgc.report.remarks import of_outliers, of_temperature
 from lbgc.sensor.calibration import FEWEST, Calibration, calibrate
@@ -155,6 +156,8 @@ def main(config: FitConfig) -> Path:
         if part not in fits:
             what = "gyros" if part == "gyro" else "accelerometers"
             print(f"no {what} were recorded: {config.name} has none of their errors, and says so")
+        elif len(fits[part]) < len(AXES):
+            print(f"{unmeasured(part, fits[part])}; {config.name} says so")
     return _finished(directory, config.name)
 
 
@@ -234,7 +237,7 @@ def _without_outliers(static: Static) -> Static:
     }
     for part in values:
         which = PARTS.index(part)
-        for axis, name in enumerate(AXES):
+        for axis, name in enumerate(axis_names(values[part].shape[2])):
             series = static.triads[part][:, :, axis]
             values[part][:, :, axis], found = without_outliers(series, static.dt)
             print(of_outliers(f"{part} {name}", found, which))
@@ -256,7 +259,7 @@ def _without_temperature(static: Static, corners: tuple[float, float]) -> tuple[
     found: Warmth = {part: [] for part in values}
     for part in values:
         which = PARTS.index(part)
-        for axis, name in enumerate(AXES):
+        for axis, name in enumerate(axis_names(values[part].shape[2])):
             series = values[part][:, :, axis]
             one = sensitivity(series, static.temperature, static.dt, corners)
             print(of_temperature(f"{part} {name}", one, which))
@@ -329,20 +332,26 @@ def _each_axis(
     corners: tuple[float, float],
 ) -> dict[str, list[Fit]]:
     """The fits of all axes of these triads with these flicker corners, s."""
-    series = {(part, axis): static.triads[part][:, :, axis] for part in parts for axis in range(3)}
+    width = {part: static.triads[part].shape[2] for part in parts}
+    series = {
+        (part, axis): static.triads[part][:, :, axis]
+        for part in parts
+        for axis in range(width[part])
+    }
     done: dict[axes.Name, Fit] = {}
     with tqdm(total=len(series), desc="fitting", leave=False) as bar:
 
         def say(name: axes.Name, what: str) -> None:
             """Show what is being tried on an axis."""
-            bar.set_postfix_str(f"{name[0]} {AXES[name[1]]}: {what}")
+            bar.set_postfix_str(f"{name[0]} {axis_names(width[name[0]])[name[1]]}: {what}")
 
         for name, fit in axes.fitted(series, static.dt, corners, config.processes, say):
             done[name] = fit
             text = as_json(of_axis(fit)) + "\n"
-            write_atomically(directory / f"{name[0]}_{AXES[name[1]]}.json", text)
+            axis = axis_names(width[name[0]])[name[1]]
+            write_atomically(directory / f"{name[0]}_{axis}.json", text)
             bar.update()
-    return {part: [done[part, axis] for axis in range(3)] for part in parts}
+    return {part: [done[part, axis] for axis in range(width[part])] for part in parts}
 
 
 def _read(config: FitConfig) -> list[Static]:

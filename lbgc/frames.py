@@ -10,8 +10,15 @@ import numpy as np
 AXES = ("forward", "right", "down")
 """The body's axes, by their numbers."""
 DOWN = 2
+_OF_FEWER = {1: ("measured",), 2: ("first", "second")}
 NED_FROM_NWU = np.diag([1.0, -1.0, -1.0])
 """Matrix that takes components in MuJoCo's world, North-West-Up, to n."""
+
+
+def axis_names(count: int) -> tuple[str, ...]:
+    """What the axes of a triad are called: those of the body where there are three. One or two that
+    were measured alone are of no frame."""
+    return _OF_FEWER.get(count, AXES)
 
 
 def wrap(angle: np.ndarray | float) -> np.ndarray:

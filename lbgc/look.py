@@ -13,6 +13,7 @@ from typing import Any
 from tqdm import tqdm
 
 from lbgc.commands import run_main
+from lbgc.data.looking import pair
 from lbgc.data.looking.doctor import looked
 from lbgc.data.readers.formats.files import is_bag_directory
 from lbgc.data.readers.raw import find, is_of_headings
@@ -40,6 +41,10 @@ class Said:
     accel_columns: str | list[Any] | None = None
     gyro_rows: list[Any] | None = None
     accel_rows: list[Any] | None = None
+    accel_path: str | None = None
+    accel_table: str | None = None
+    accel_time_column: Any = None
+    accel_late_s: float | None = None
     time_column: Any = None
     time_unit: str | None = None
     rate_hz: float | None = None
@@ -92,8 +97,16 @@ def main(config: LookConfig) -> Path:
     """Examine every file; print, draw and write what was found; return the directory of the
     pictures."""
     directory = task_directory("look", fingerprint(asdict(config)))
-    files = [own for file in config.files for own in _files_of(file)]
+    files: list[str | tuple[str, str]] = [o for file in config.files for o in _files_of(file)]
+    apart = pair.of_files([str(own) for own in files], config.log.keys())
+    if apart is not None:
+        both = " and ".join(shown(Path(own).name) for own in apart)
+        print(f"{both} are taken as gyros and accelerometers of one sensor: look at one file at a")
+        print("time where they are not\n")
+        files = [apart, *(own for own in files if own not in apart)]
     require(config.name is None or len(files) == 1, "name", config.name, "is for one file")
+    two = config.log.accel_path
+    require(two is None or len(files) == 1, "log.accel_path", two, "is for one file of gyros")
     refused: dict[str, InputError] = {}
     names: set[str] = set()
     for file in tqdm(files, "looking", leave=False, disable=len(files) < 2):
@@ -102,7 +115,7 @@ def main(config: LookConfig) -> Path:
         except InputError as error:
             if len(files) == 1:
                 raise
-            refused[file] = error
+            refused[" and ".join(_each(file))] = error
         print()
     if len(refused) == len(files):
         raise next(iter(refused.values()))
@@ -125,19 +138,26 @@ def _files_of(file: str) -> list[str]:
     return [str(own) for own in found]
 
 
-def _one(file: str, config: LookConfig, directory: Path, taken: set[str]) -> str:
-    """Examine one file; returns the name of its description, which is none of those taken."""
-    look = looked(find(file), config.log.keys())
+def _each(file: str | tuple[str, str]) -> tuple[str, ...]:
+    """The files of one log: one, or that of gyros and that of accelerometers."""
+    return (file,) if isinstance(file, str) else file
+
+
+def _one(file: str | tuple[str, str], config: LookConfig, directory: Path, taken: set[str]) -> str:
+    """Examine one log; returns the name of its description, which is none of those taken."""
+    first, *other = _each(file)
+    said = config.log.keys() | ({"accel_path": str(find(other[0]))} if other else {})
+    look = looked(find(first), said)
     name = config.name or _word(look.name)
     name = next(own for own in chain([name], (f"{name}_{k}" for k in count(2))) if own not in taken)
-    found = None if look.still is None else look_text.deviations(look.still)
+    found = None if look.rest is None else look_text.deviations(look.rest)
     print(look_text.report(look, found))
     if found is not None:
         picture = directory / f"{name}.png"
         write_atomically(picture, png(draw(look, found)))
         print(f"picture: {picture}")
     if look.asks:
-        print(look_text.asked(look, file))
+        print(look_text.asked(look, _each(file)))
     if not look.is_described:
         return name
     description = Path(config.out) / "log" / f"{name}.yaml"

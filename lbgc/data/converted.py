@@ -104,5 +104,5 @@ def _converted(
     for own in blocks(len(values)):
         counted = config.counted(part, values[own])
         counted *= unit
-        values[own] = counted @ matrix.T
+        values[own] = counted @ matrix.T if values.shape[1] == len(matrix) else counted
     return values

@@ -68,7 +68,8 @@ class LogConfig:
     gyro_columns: str | list[Any] = field(default_factory=lambda: list(DEFAULT_GYRO))
     """The file's gyro columns, x, y and z, by name or position. Where it has none of the default
     ones, names such as gx (deg/s), gyro_x or angular_velocity.x are found. none: no gyros were
-    recorded, and noise alone is fitted."""
+    recorded, and noise alone is fitted. Without accelerometers also one or two columns, of a gyro
+    of so many axes: its noise is fitted along its own axes."""
     accel_columns: str | list[Any] = field(default_factory=lambda: list(DEFAULT_ACCEL))
     """The file's accelerometer columns, x, y and z; none: none were recorded, likewise."""
     columns: list[Any] | None = None
@@ -234,8 +235,12 @@ class LogConfig:
         be meant."""
         for name in ("gyro_columns", "accel_columns"):
             columns = getattr(self, name)
-            three = isinstance(columns, list) and len(columns) == len(set(map(str, columns))) == 3
+            alone = name == "gyro_columns" and self.recorded == ("gyro",)
+            few = (1, 2, 3) if alone else (3,)
+            each = columns if isinstance(columns, list) else []
+            three = len(each) == len(set(map(str, each))) and len(each) in few
             about = f"must be three column names or positions, x, y and z, or {NONE}"
+            about += "; one or two are for gyros alone, accel_columns=none" if len(each) < 3 else ""
             require(three or columns == NONE, name, columns, about)
             for column in columns if isinstance(columns, list) else []:
                 require_column(name, column)
@@ -244,7 +249,10 @@ class LogConfig:
         for name in ("gyro_scale", "accel_scale", "gyro_offset", "accel_offset"):
             value = getattr(self, name)
             each = value if isinstance(value, list) else [value] * 3
-            require(len(each) == 3, name, value, "must be one number, or three: x, y, z")
+            width = self._width(name)
+            about = "must be one number, or "
+            about += "three: x, y, z" if width == len(AXES) else f"{width}, one for each column"
+            require(each != value or len(each) == width, name, value, about)
             good = name.endswith("offset") or all(own != 0 for own in each)
             require(good, name, value, "must not be zero")
         both = len(self.recorded) == 2
@@ -288,6 +296,8 @@ class LogConfig:
         if self.accel_axes is not None:
             require_axes("accel_axes", self.accel_axes)
         signs = [np.sign(self.each(own, "scale")) for own in ("gyro", "accel")]
+        if len(signs[0]) < len(AXES):
+            return
         if self.accel_axes is not None or np.any(signs[0] != signs[1]):
             return
         right = np.linalg.det(matrix_of(self.axes)) * signs[0].prod() > 0
@@ -358,8 +368,14 @@ class LogConfig:
         return any(own is not None for own in (*others, rows))
 
     def each(self, part: str, key: str) -> np.ndarray:
-        """A triad's scale or offset for each of the file's axes, (3,)."""
-        return np.broadcast_to(np.asarray(getattr(self, f"{part}_{key}"), float), (3,))
+        """A triad's scale or offset for each of the file's axes, (3,), or those that there are."""
+        value = np.asarray(getattr(self, f"{part}_{key}"), float)
+        return np.broadcast_to(value, (self._width(part),))
+
+    def _width(self, part: str) -> int:
+        """The number of axes of a triad, by the beginning of a key's name."""
+        columns = self.gyro_columns if part.startswith("gyro") else self.accel_columns
+        return len(columns) if isinstance(columns, list) else 3
 
     def counted(self, part: str, values: np.ndarray) -> np.ndarray:
         """A triad's values (T, 3), or (T, 0), as printed, in their unit: in their own place."""

@@ -55,6 +55,8 @@ class Recording:
     apart: tuple[TriadRecord, ...] | None = None
     """The two triads on their own clocks, with the first of a file's recordings; None where there
     is one clock"""
+    start_s: float = 0.0
+    """Time, s, of its first sample's interval, as `LogConfig.from_s` counts; of two clocks alone"""
 
 
 def unchecked(
@@ -137,7 +139,7 @@ def _of_file(config: LogConfig) -> Iterator[tuple[Raw, Recording]]:
         for record in _records(raw):
             yield raw, Recording(record, raw.config)
     for pair in pairs:
-        for own in _of_two_clocks(*pair):
+        for own in of_two_clocks(*pair):
             yield pair[0], own
 
 
@@ -208,7 +210,7 @@ def _of_a_triad(own: Piece, fields: Mapping[str, Any]) -> TriadRecord:
     return TriadRecord(part, values, **{key: fields[key] for key in _OF_A_TRIAD})
 
 
-def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
+def of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
     """The recordings of two triads whose clocks differ, where they have the time in common; the
     triads on their own clocks with the first. Raises InputError where they have none."""
     both = [timed(gyro), timed(accel)]
@@ -237,21 +239,22 @@ def _of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
         for own, at in accels
     ]
     found = [
-        two_clocks.on_one_clock(rate, of, at, force, when)
+        (two_clocks.on_one_clock(rate, of, at, force, when), max(at, when) - max(begun))
         for rate, of, (_, at) in zip(rates, fields, gyros, strict=True)
         for force, (_, when) in zip(forces, accels, strict=True)
     ]
-    records = [own for own in found if own is not None]
+    records = [(own, start) for own, start in found if own is not None]
     about = f"have no time in common: the accelerometers' stamps begin {begun[1] - begun[0]:.6g} s "
     about += "after the gyros'; log.accel_late_s=S subtracts S from them, log.accel_time_column "
     about += "names another clock"
     require(bool(records), "log.accel_path", f"{gyro.name} and {accel.name}", about)
-    longest = max(own.duration_s for own in records)
-    kept = [own for own in records if own.duration_s >= _SHARE * longest]
-    for number, own in enumerate(kept, start=1):
+    longest = max(own.duration_s for own, _ in records)
+    kept = [(own, start) for own, start in records if own.duration_s >= _SHARE * longest]
+    for number, (own, start) in enumerate(kept, start=1):
         name = own.name if len(kept) == 1 else f"{gyro.name} part {number}"
         record = _positioned(replace(own, name=name), gyro)
-        yield Recording(record, gyro.config, () if number > 1 else (*rates, *forces))
+        apart = () if number > 1 else (*rates, *forces)
+        yield Recording(record, gyro.config, apart, start)
 
 
-__all__ = ["LogConfig", "checked", "columns", "read", "read_noise", "unchecked"]
+__all__ = ["LogConfig", "checked", "columns", "of_two_clocks", "read", "read_noise", "unchecked"]

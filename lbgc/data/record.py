@@ -124,6 +124,11 @@ class TriadRecord:
         """The samples of this triad, (T, 3), SI, by its name."""
         return {self.part: self.values}
 
+    @property
+    def duration_s(self) -> float:
+        """The recording's duration, s."""
+        return len(self.values) / self.rate_hz
+
 
 def require_on_plate(record: Record) -> None:
     """Raise InputError where the recording is of an IMU that was held in several attitudes: whoever

@@ -11,6 +11,7 @@ from lbgc.data import course
 from lbgc.data.record import Record, TriadRecord, require_on_plate, require_one_rate
 from lbgc.errors import InputError
 from lbgc.frames import AXES as AXES
+from lbgc.frames import axis_names
 from lbgc.sensor.fitting.counts import ENOUGH, count_size
 from lbgc.sensor.fitting.goodness import bartlett
 
@@ -32,7 +33,7 @@ class Static:
     name: str
     """The log's name in messages"""
     gyro: np.ndarray | None
-    """(R, n, 3), rad/s; None where no gyros were recorded on this clock"""
+    """(R, n, 3), rad/s, or of fewer axes alone; None where no gyros were recorded on this clock"""
     accel: np.ndarray | None
     """(R, n, 3), m/s^2, likewise"""
     dt: float
@@ -135,7 +136,7 @@ def require_steady(static: Static) -> None:
     for part, values in static.triads.items():
         still = np.ptp(values, axis=1).min(axis=0)
         if not still.all():
-            dead = AXES[int(np.argmin(still))]
+            dead = axis_names(len(still))[int(np.argmin(still))]
             raise InputError(
                 static.name,
                 f"{part} {dead}",
@@ -143,7 +144,7 @@ def require_steady(static: Static) -> None:
                 "never changes: a dead channel, or counts far coarser than its noise; there is "
                 "none to fit",
             )
-    for part, axis in ((part, axis) for part in static.triads for axis in range(3)):
+    for part, axis in ((part, k) for part, v in static.triads.items() for k in range(v.shape[2])):
         one = static.triads[part][:, :, axis]
         if _is_coarse(one):
             continue  # how often a count changes depends on where the mean lies within it
@@ -155,9 +156,10 @@ def require_steady(static: Static) -> None:
             means = one[:, : count * block].reshape(len(one), count, block).mean(axis=2)
             ratio, p = _unsteadiness(np.diff(means, axis=1))
             if ratio > _MATTERS and p < _CHANCE:
+                name = axis_names(static.triads[part].shape[2])[axis]
                 raise InputError(
                     static.name, f"{ratio:.3g}", "", f"times as much {part} noise in one eighth of "
-                    f"the log as in another, on the {AXES[axis]} axis: something moved, or shook "
+                    f"the log as in another, on the {name} axis: something moved, or shook "
                     "it; noise is fitted to a resting IMU, so cut the log to a quiet stretch"
                 )  # fmt: skip
 

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lbgc.earth import EARTH_RATE
+from lbgc.frames import axis_names
 from lbgc.report import fitted_curve
 from lbgc.report.figures import AXIS_COLOURS, AXIS_NAMES
 from lbgc.report.fitted import explained
@@ -28,7 +29,7 @@ class AllanData:
     part: str
     """gyro or accel"""
     series: np.ndarray
-    """(R, n, 3), rad/s or m/s^2, of R recordings"""
+    """(R, n, axes), rad/s or m/s^2, of R recordings"""
     dt: float
     latitude: float
 
@@ -103,10 +104,10 @@ def _with_terms(
     settled : the deviation after warm-ups and steps were taken out, where there were any."""
     measured = recorded if settled is None else settled
     scale, unit = _UNIT[data.part]
-    figure = Figure(figsize=(12, 4.4), layout="constrained")
+    figure = Figure(figsize=(4 * max(len(fits), 1.4), 4.4), layout="constrained")
     fine = np.geomspace(taus[0], taus[-1], 2000)
-    for axis, (fit, name) in enumerate(zip(fits, AXIS_NAMES, strict=True)):
-        axes = figure.add_subplot(1, 3, axis + 1)
+    for axis, (fit, name) in enumerate(zip(fits, axis_names(len(fits)), strict=True)):
+        axes = figure.add_subplot(1, len(fits), axis + 1)
         curve = np.sqrt(noise.allan_variance(fit.everything, fine))
         slopes = np.interp(taus, fine, np.gradient(np.log(curve), np.log(fine)))
         band = confidence_band(measured[axis], taus, data.series.shape[1], data.dt, slopes)
@@ -146,9 +147,9 @@ def _write_below(axes: Axes, text: str, bad: bool) -> None:
 def _spectra(part: str, fits: Sequence[Fit]) -> Figure:
     """The recorded spectral density, two-sided, in bins, and the fitted model's, by axis."""
     scale, unit = _UNIT[part]
-    figure = Figure(figsize=(12, 4.4), layout="constrained")
-    for axis, (fit, name) in enumerate(zip(fits, AXIS_NAMES, strict=True)):
-        axes = figure.add_subplot(1, 3, axis + 1)
+    figure = Figure(figsize=(4 * max(len(fits), 1.4), 4.4), layout="constrained")
+    for axis, (fit, name) in enumerate(zip(fits, axis_names(len(fits)), strict=True)):
+        axes = figure.add_subplot(1, len(fits), axis + 1)
         if fit.spectrum is None:
             continue
         s = fit.spectrum
@@ -172,7 +173,7 @@ def _as_the_paper(
     scale, _ = _UNIT["gyro"]
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     allan, snr, running = (figure.add_subplot(1, 3, i) for i in (1, 2, 3))
-    for axis, name in enumerate(AXIS_NAMES):
+    for axis, name in enumerate(axis_names(len(fits))):
         colour = AXIS_COLOURS[axis]
         allan.loglog(taus, measured[axis] / scale, "o-", color=colour, markersize=3, label=name)
         snr.semilogx(taus, 20 * np.log10(EARTH_RATE / measured[axis]), color=colour, label=name)
@@ -187,7 +188,7 @@ def _as_the_paper(
     sums = np.add.reduceat(series[: at[-1]], np.append(0, at[:-1]), axis=0)
     means = np.cumsum(sums, axis=0) / at[:, None]
     norm = np.linalg.norm(means, axis=1) / scale
-    spread = np.sqrt(3) * white / np.sqrt(at * data.dt) / scale
+    spread = np.sqrt(len(fits)) * white / np.sqrt(at * data.dt) / scale
     running.fill_between(at * data.dt, norm - spread, norm + spread, alpha=0.2)
     running.semilogx(at * data.dt, norm, label="norm of the mean")
     running.axhline(EARTH_RATE / scale, color="green", linestyle="--", label="Earth's rate")

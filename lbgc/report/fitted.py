@@ -5,7 +5,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from lbgc.data.static import AXES, Static
+from lbgc.data.static import Static
+from lbgc.frames import axis_names
 from lbgc.report.remarks import remarks
 from lbgc.sensor.fitting.goodness import Goodness
 from lbgc.sensor.fitting.noise_fit import Fit
@@ -77,7 +78,7 @@ def report(static: Static, fits: dict[str, list[Fit]]) -> str:
     for which, part in enumerate(("gyro", "accel")):
         if part not in static.triads:
             continue
-        for axis, fit in zip(AXES, fits[part], strict=True):
+        for axis, fit in zip(axis_names(len(fits[part])), fits[part], strict=True):
             lines.append(f"{part} {axis}")
             for name, e in every_estimate(fit).items():
                 plain = unnumbered(name)

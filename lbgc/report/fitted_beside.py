@@ -3,11 +3,12 @@ biases as far as one recording's mean tells."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from lbgc.data.static import PARTS, Static
+from lbgc.frames import AXES, axis_names
 from lbgc.sensor.fitting import bias_size
 from lbgc.sensor.fitting.bias_size import BiasSize
 from lbgc.sensor.fitting.noise_fit import Fit
@@ -24,6 +25,8 @@ _BIAS = ("bias_run_deg_per_h", "bias_run_mg")
 Warmth: TypeAlias = dict[str, list[Sensitivity | None]]
 """Each axis's bias against temperature, by triad; None where the temperature tells nothing of it"""
 
+Own = TypeVar("Own")
+
 
 @dataclass(frozen=True)
 class Beside:
@@ -39,10 +42,12 @@ def beside(
     fits: dict[str, list[Fit]],
     sizes: dict[str, BiasSize] | None = None,
     warmth: Warmth | None = None,
+    said: Sequence[str] = (),
 ) -> Beside:
     """The lines of YAML for the results of a fit that are not noise terms. sizes : of the biases,
     where they are to be stated; warmth : what the recordings' own temperature told. Then a warm-up
-    has no line: whatever is left of one did not follow that temperature."""
+    has no line: whatever is left of one did not follow that temperature. said : what else is
+    assumed of the sensor, sentences."""
     time = None if warmth else _common_time(fits)
     assumed = []
     if sizes:
@@ -55,6 +60,7 @@ def beside(
         assumed.append(f"{said}: {about}")
     assumed += [f"its {_NAMES[part]} were not measured and have no errors here"
                 for part in PARTS if part not in fits]  # fmt: skip
+    assumed += [own.removesuffix(".") for own in said]
     top = [f'assumed: "{"; ".join(assumed)}"'] if assumed else []
     if time is not None:
         top += ["temperature:", "  rise_k: 1  # so that biases per K are what warms away"]
@@ -68,6 +74,30 @@ def beside(
         if part in fits
     }
     return Beside(top, triads)
+
+
+def unmeasured(part: str, fits: Sequence[Fit]) -> str:
+    """The sentence on a triad's axes that were not measured, and whose figures stand for them;
+    empty where all were. part : gyro or accel."""
+    if len(fits) == len(AXES):
+        return ""
+    if len(fits) == 1:
+        return f"one axis of its {_NAMES[part]} was measured, whose figures stand for all three"
+    which = axis_names(len(fits))[_noisier(fits)]
+    said = f"two axes of its {_NAMES[part]} were measured, here {AXES[0]} and {AXES[1]}; {AXES[2]} "
+    return f"{said}was not, and has the figures of the {which} one, the noisier"
+
+
+def whole(values: Sequence[Own], fits: Sequence[Fit]) -> list[Own]:
+    """One value for each of three axes, by the axes that were measured: the noisier one's for the
+    others. fits : of the axes that were measured."""
+    more = len(AXES) - len(values)
+    return [*values, *[values[_noisier(fits)]] * more]
+
+
+def _noisier(fits: Sequence[Fit]) -> int:
+    """The number of the axis with the larger white noise."""
+    return int(np.argmax([fit.estimates["N"].value for fit in fits]))
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -135,7 +165,7 @@ def bias_sizes(statics: Sequence[Static], fits: dict[str, list[Fit]]) -> dict[st
     """Sizes of the triads' biases by the first recording's means; none where the latitude is not
     known, since Earth's rate and gravity are not. Where it is the only recording, exponential
     changes of the mean are subtracted first. Without accelerometers the gyros' mean tells as much
-    as Earth's rate, of any direction, leaves."""
+    as Earth's rate, of any direction, leaves; one or two axes have too little of either."""
     mean: dict[str, np.ndarray] = {}
     if not np.isfinite(statics[0].latitude):
         return {}
@@ -149,7 +179,7 @@ def bias_sizes(statics: Sequence[Static], fits: dict[str, list[Fit]]) -> dict[st
                 mean[part][axis] -= sum(float(c.means(whole)[0]) for c in passing)
     first, latitude = statics[0], statics[0].latitude
     sizes = {}
-    if "gyro" in mean:
+    if "gyro" in mean and len(mean["gyro"]) == len(AXES):
         seconds = first.shape[1] * first.dt
         error = max(bias_size.mean_error(fit.terms(), seconds) for fit in fits["gyro"])
         heading = None if first.heading is None else float(first.heading[0])

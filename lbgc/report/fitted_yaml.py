@@ -8,7 +8,7 @@ import numpy as np
 from lbgc.data.static import PARTS, Static
 from lbgc.outputs import as_json
 from lbgc.report.fitted import KEYS, every_estimate, scale_of
-from lbgc.report.fitted_beside import Beside, Warmth, beside, number
+from lbgc.report.fitted_beside import Beside, Warmth, beside, number, unmeasured, whole
 from lbgc.sensor.calibration import Calibration
 from lbgc.sensor.fitting.bias_size import BiasSize
 from lbgc.sensor.fitting.noise_fit import Fit
@@ -43,7 +43,11 @@ def sensor_yaml(
         "# zero is zero, with its 95% upper limit behind. A single recording tells biases by its",
         "# mean alone, and not how long they last: recordings with known headings do.",
     ]
-    return _yaml(name, about, fits, beside(fits, sizes, warmth), calibration)
+    said = [f"# {sentence}." for part, own in fits.items() if (sentence := unmeasured(part, own))]
+    three = {part: whole(own, own) for part, own in fits.items()}
+    told = {part: whole(own, fits[part]) for part, own in (warmth or {}).items()}
+    more = beside(three, sizes, told, [own[2:] for own in said])
+    return _yaml(name, [*about, *said], three, more, calibration)
 
 
 def _whose(own: Static, statics: Sequence[Static]) -> str:

@@ -1,7 +1,9 @@
 """What the log doctor says of a file: on the terminal, and as a description for `--config-dir`."""
 
 import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -10,71 +12,89 @@ from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.looking.doctor import Look
 from lbgc.data.looking.sensor import least_bias
-from lbgc.data.record import Record
+from lbgc.data.record import Record, TriadRecord
 from lbgc.data.rests import rests
 from lbgc.earth import EARTH_RATE
 from lbgc.outputs import as_json, shown
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
-from lbgc.units import DEG, HOUR
+from lbgc.units import DEG, HOUR, STANDARD_GRAVITY
 
+_FILES = ("path", "accel_path")
+"""Keys whose values are files."""
 _WINDOW_S = 240.0
 _CANNOT_DEG = 60.0
 """Expected error, degrees, above which north is not found; by chance it is 104."""
 _ROWS = 3_600_000
 """Means of samples by which Allan deviations are computed, at most."""
-Deviations: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Averaging times (K,), s, and the Allan deviations of gyros and accelerometers, (3, K), SI"""
+_WALKS = ("gyro", "angle", DEG, "deg/sqrt(h)"), ("accel", "velocity", 1.0, "m/s/sqrt(h)")
+"""How the white noise of each triad is called, and its unit."""
+_LEAST = (
+    ("gyro", "gyros", PER_HOUR, "deg/h"),
+    ("accel", "accelerometers", 1e6 / STANDARD_GRAVITY, "ug"),
+)
+"""How the least Allan deviation of each triad is told."""
+Deviations: TypeAlias = tuple[np.ndarray, Mapping[str, np.ndarray]]
+"""Averaging times (K,), s, and each triad's Allan deviations, (3, K), SI"""
 
 
 def report(look: Look, found: Deviations | None) -> str:
     """What the file is, the guesses with their reasons and doubts, and what its sensor is worth.
     found : its Allan deviations, where it could be read."""
-    lines = [f"{shown(look.path)}"]
+    other = look.keys.get("accel_path")
+    lines = [shown(look.path) + (f" and {shown(other)}" if other else "")]
     lines += [f"  {fact}" for fact in dict.fromkeys(look.facts)]
     for guess in look.guesses:
         if guess.value is not None:
             lines.append(f"  log.{guess.key}={guess.written}: {guess.why}")
             lines += [f"    but: {guess.doubt}"] if guess.doubt else []
     lines += [f"  {note}" for note in look.notes if note not in look.facts]
-    if look.record is not None and look.still is not None and found is not None:
-        if look.still is not look.record:
+    if look.rest is not None and found is not None:
+        if look.record is not None and look.still is not None and look.still is not look.record:
             start = f"its plate turns over {np.ptp(look.record.plate_angle) / DEG:.4g} deg; "
             lines.append(f"  {start}what follows is of its longest rest, {look.still.name}")
-        lines += [f"  {line}" for line in worth(look.still, found)]
+        lines += [f"  {line}" for line in worth(look.rest, found)]
     if look.refusal is not None:
         lines.append(f"  for a heading it would be refused: {look.refusal}")
     return "\n".join(lines)
 
 
-def deviations(record: Record) -> Deviations:
+def deviations(record: Record | TriadRecord) -> Deviations:
     """The Allan deviations of a recording. Those of a long one are of its block means, which have
     the same at longer times."""
-    size = -(-len(record.gyro) // _ROWS)
-    dt, count = size / record.rate_hz, len(record.gyro) // size
+    samples = len(record.plate_angle)
+    size = -(-samples // _ROWS)
+    dt, count = size / record.rate_hz, samples // size
     taus = octave_taus(count, dt)
-    gyro, accel = (
-        overlapping_deviation(
-            v[: size * count].reshape(count, size, 3).mean(axis=1)[None], dt, taus
+    return taus, {
+        part: overlapping_deviation(
+            v[: size * count].reshape(count, size, v.shape[1]).mean(axis=1)[None], dt, taus
         )
-        for v in (record.gyro, record.accel)
-    )
-    return taus, gyro, accel
+        for part, v in record.triads.items()
+    }
 
 
-def worth(record: Record, found: Deviations) -> list[str]:
+def worth(record: Record | TriadRecord, found: Deviations) -> list[str]:
     """Sentences on the sensor's noise and bias, and on whether north can be seen with them. found :
     the recording's Allan deviations."""
-    taus, gyro, accel = found
+    taus, each = found
     at = int(np.argmin(np.abs(taus - 1.0)))
-    walk = gyro[:, at] * np.sqrt(taus[at])
-    arw, vrw = walk / DEG * 60, accel[:, at] * np.sqrt(taus[at]) * 60
-    least = gyro.argmin(axis=1)
-    lines = [
-        f"noise at {taus[at]:.3g} s: angle random walk {_three(arw)} deg/sqrt(h), velocity random "
-        f"walk {_three(vrw)} m/s/sqrt(h)",
-        f"gyros' Allan deviation falls to {_three(gyro.min(axis=1) * PER_HOUR)} deg/h at "
-        f"{_three(taus[least])} s",
+    walk = {part: own[:, at] * np.sqrt(taus[at]) for part, own in each.items()}
+    noise = [
+        f"{name} random walk {_three(walk[part] * 60 / unit)} {what}"
+        for part, name, unit, what in _WALKS
+        if part in walk
     ]
+    lines = [f"noise at {taus[at]:.3g} s: {', '.join(noise)}"]
+    for part, name, unit, what in _LEAST:
+        if part in each and (part == "gyro" or len(each) == 1):
+            own = each[part]
+            where = taus[own.argmin(axis=1)]
+            lines.append(
+                f"{name}' Allan deviation falls to {_three(own.min(axis=1) * unit)} {what} at "
+                f"{_three(where)} s"
+            )
+    own = each["gyro"] if "gyro" in each else each["accel"]
+    least = own.argmin(axis=1)
     longest = float(taus[least].max())
     if least.max() >= len(taus) - 2:
         lines.append(
@@ -86,11 +106,12 @@ def worth(record: Record, found: Deviations) -> list[str]:
             f"a fit of the bias instability needs ten times its {longest:.3g} s: "
             f"{10 * longest / HOUR:.2g} hours, and better more"
         )
-    if not np.isfinite(record.latitude):
+    if not np.isfinite(record.latitude) or not isinstance(record, Record):
         return lines
+    gyro = each["gyro"]
     horizontal = EARTH_RATE * np.cos(record.latitude)
     seconds = min(_WINDOW_S, record.duration_s)
-    sigma = float(walk.max()) / np.sqrt(seconds) / horizontal
+    sigma = float(walk["gyro"].max()) / np.sqrt(seconds) / horizontal
     floor = float(gyro.min(axis=1).max()) / horizontal
     off = least_bias(record.gyro.mean(0), record.accel.mean(0), record.latitude)
     lines.append(
@@ -114,14 +135,14 @@ def _three(values: np.ndarray) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
 
 
-def asked(look: Look, file: str) -> str:
-    """The questions, each with the command that answers it."""
+def asked(look: Look, given: Sequence[str]) -> str:
+    """The questions, each with the command that answers it. given : the log's files."""
     what = "for a heading, " if look.is_described else ""
     lines = [f"not told by the file, so {what}give it:"]
     for guess in look.asks:
         lines.append(f"  log.{guess.key}: {guess.doubt} {guess.why}")
     said = " ".join(f"log.{guess.key}=..." for guess in look.asks)
-    lines.append(f"python lbgc/look.py {shlex.quote(file)} {said}")
+    lines.append(f"python lbgc/look.py {shlex.join(given)} {said}")
     return "\n".join(lines)
 
 
@@ -135,7 +156,7 @@ def description(look: Look, first: str) -> str:
         if about is not None:
             told = f"{about.why}; {about.doubt}" if about.doubt else about.why
             lines.append(f"# {key}: {shown(told)}")
-        own = str(look.path.absolute()) if key == "path" else value
+        own = str(Path(str(value)).absolute()) if key in _FILES and value else value
         lines.append(f"{key}: {as_json(own, indent=None)}")
     lines.append("# as usual")
     usual = asdict(LogConfig(path="x"))

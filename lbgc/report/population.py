@@ -6,7 +6,9 @@ from dataclasses import asdict
 import numpy as np
 
 from lbgc.data.finished_fits import Found
-from lbgc.data.static import AXES, PARTS
+from lbgc.data.static import PARTS
+from lbgc.errors import require
+from lbgc.frames import axis_names
 from lbgc.report.fitted import KEYS, WORDS, scale_of
 from lbgc.sensor.fitting.population import Population, population
 from lbgc.sensor.fitting.profile import FittedParameter
@@ -25,7 +27,11 @@ def populations(units: Sequence[Found]) -> Told:
     out: Told = {}
     for part in parts:
         out[part] = []
-        for axis in range(3):
+        few = {len(unit[part]) for unit in units}
+        require(
+            len(few) == 1, "units", few, f"have fits of so many axes of their {part}s: one kind"
+        )
+        for axis in range(few.pop()):
             every = [unit[part][axis] for unit in units]
             names = [name for name in _ASKED if all(name in own for own in every)]
             out[part].append({name: population([own[name] for own in every]) for name in names})
@@ -36,7 +42,8 @@ def report(told: Told, units: int) -> str:
     """The populations as text. units : their number."""
     lines = [f"{units} units; a median unit, and the spread between units (1 sigma of ln)"]
     for which, part in enumerate(PARTS):
-        for axis, found in zip(AXES, told.get(part, ()), strict=False):
+        own = told.get(part, [])
+        for axis, found in zip(axis_names(len(own)), own, strict=len(own) > 0):
             lines.append(f"{part} {axis}")
             for name, one in found.items():
                 lines.append(f"  {WORDS[name]:30s} {_said(one, KEYS[name][which])}")

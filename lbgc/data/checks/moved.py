@@ -6,7 +6,7 @@ from lbgc.data.checks.findings import Finding
 from lbgc.data.checks.plausible import down_of
 from lbgc.data.record import Record, TriadRecord
 from lbgc.data.rests import held_still
-from lbgc.data.static import AXES
+from lbgc.frames import axis_names
 from lbgc.units import DEG
 
 _BLOCK_S = 0.5
@@ -81,10 +81,10 @@ def moved_finding(record: Record | TriadRecord, north: bool, why: str = UNTURNED
     n = len(gyro) // size
     if n < 8 or np.ptp(record.plate_angle) > PLATE:
         return None
-    means = gyro[: n * size].reshape(n, size, 3).mean(axis=1, dtype=float)
+    means = gyro[: n * size].reshape(n, size, gyro.shape[1]).mean(axis=1, dtype=float)
     off = means - np.median(means, axis=0)
     step = size / record.rate_hz
-    angle = np.vstack([np.zeros(3), np.cumsum(off, axis=0)]) * step
+    angle = np.cumsum(np.vstack([np.zeros_like(off[:1]), off]), axis=0) * step
     worst, where, along = 0.0, (0, 0), 0
     for length in _LENGTHS_S:
         k = max(1, round(length / step))
@@ -103,11 +103,12 @@ def moved_finding(record: Record | TriadRecord, north: bool, why: str = UNTURNED
     course = np.abs(angle[where[0] : where[1] + 1, along] - angle[where[0], along])
     first = where[0] + int(np.argmax(course > _EDGE * worst)) - 1
     last = where[0] + int(np.argmax(course > (1 - _EDGE) * worst))
+    axis_name = axis_names(gyro.shape[1])[along]
     return Finding(
         "moved",
         f"{record.name}: turned",
         round(worst / DEG, 1),
         "deg",
-        f"about its {AXES[along]} axis between {first * step:g} and {last * step:g} s: {why}",
+        f"about its {axis_name} axis between {first * step:g} and {last * step:g} s: {why}",
         refuses=north,
     )

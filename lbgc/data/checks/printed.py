@@ -11,6 +11,7 @@ from lbgc.data.checks.findings import Finding
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.blocks import blocks, some
 from lbgc.data.record import Record, TriadRecord
+from lbgc.frames import axis_names
 from lbgc.sensor.imu import ImuModel
 from lbgc.units import DEG
 
@@ -151,10 +152,13 @@ def channels(
         triad = None if imu is None else (imu.gyro if name == "gyro" else imu.accel)
         counts = None if triad is None else triad.counts
         carried = counts is not None and counts.is_carried
-        for column, axis in sorted(enumerate(axes), key=lambda pair: pair[1][-1]):
+        few = values.shape[1] < len(axes)
+        own = axis_names(values.shape[1]) if few else axes
+        for column, axis in sorted(enumerate(own), key=lambda pair: pair[1][-1]):
             sign = -1.0 if axis.startswith("-") else 1.0
             one = values[:, column]
-            found.append(Channel(f"{name} {axis[-1]}", one, sign, unit, scale, carried))
+            called = f"{name} {axis if few else axis[-1]}"
+            found.append(Channel(called, one, sign, unit, scale, carried))
     return found
 
 

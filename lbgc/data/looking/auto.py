@@ -35,18 +35,17 @@ class AnyLog(LogConfig):
         }
         path = str(given[0] if isinstance(given, list) and given else given)
         require(bool(path), "path", path, "must name a file")
-        two = next(
-            (key for key in ("accel_path", "accel_table", "accel_rows") if key in said),
-            "accel_path",
-        )
-        about = "is for log=csv, which reads two files or tables (log.path=FILE log.latitude=...)"
-        require(two not in said, two, said.get(two), about)
+        other = said.get("accel_path")
+        if isinstance(other, list):
+            apart["accel_path"] = other
+            said["accel_path"] = other[0] if other else None
         del said["reader"]
         look = looked(find(path), said, cls.for_heading)
         asked = [own for own in look.asks if cls.for_heading or not own.heading_only]
         if asked:
             about = f"is not told by the file: {asked[0].doubt} {asked[0].why}"
-            raise InputError(asked[0].key, None, "", f"{about} (python lbgc/look.py {shown(path)})")
+            given = " ".join(shown(own) for own in (path, said.get("accel_path")) if own)
+            raise InputError(asked[0].key, None, "", f"{about} (python lbgc/look.py {given})")
         error = look.refusal
         if cls.for_heading and error is not None:
             raise InputError(

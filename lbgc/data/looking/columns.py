@@ -14,7 +14,7 @@ import numpy as np
 
 from lbgc.data.logconfig import NONE
 from lbgc.data.looking.guess import Guess
-from lbgc.data.readers.column_names import Described, described, seconds_and_nanoseconds
+from lbgc.data.readers.column_names import Described, described, is_gyro, seconds_and_nanoseconds
 from lbgc.data.readers.sheets import Sheet, shown
 from lbgc.units import FORCE_UNITS, STANDARD_GRAVITY
 
@@ -83,10 +83,17 @@ def find(sheet: Sheet) -> Columns:
     if others["plate"] == others["heading"]:
         others["plate"] = None
     taken = {*time, *(at for at in others.values() if at is not None)}
-    six, which = _by_name(sheet, says), None
+    six, which = _by_name(says), None
     gyros = 3
     if six is None:
         left_over = [c for c in numeric if c.at not in taken]
+        few = _few_axes(sheet, left_over, says)
+        if few is not None:
+            gyro, own = few
+            own += [when] if when is not None else []
+            rest = tuple(c.at for c in left_over if c.at not in gyro and not c.counts)
+            more = tuple(_beside(sheet, numeric, others))
+            return Columns(gyro, (), time, others["plate"], rest, (*own, *more))
         one = _one_triad(sheet, left_over, says)
         six, which = _by_value(sheet, left_over, says) if one is None else one
         gyros = 0 if which.key == "gyro_columns" else 3
@@ -97,6 +104,44 @@ def find(sheet: Sheet) -> Columns:
     return Columns(
         tuple(six[:gyros]), tuple(six[gyros:]), time, others["plate"], left, tuple(guesses)
     )
+
+
+def find_one(sheet: Sheet, part: str) -> Columns:
+    """Find a sheet's columns as `find` does, where only one triad, gyro or accel, is read of it."""
+    says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
+    numeric = list(_numeric(sheet))
+    time, when = _time(sheet, says, numeric)
+    others = {name: _named(sheet, name) for name in _OTHERS}
+    if others["plate"] == others["heading"]:
+        others["plate"] = None
+    taken = {*time, *(at for at in others.values() if at is not None)}
+    at = _of_kind(says, part) or ([sheet.names.index(axis) for axis in "xyz"]
+                                  if set("xyz") <= set(sheet.names) else [])  # fmt: skip
+    guesses = [when] if when is not None else []
+    if not at:
+        left = [c for c in numeric if c.at not in taken and not (c.rises or c.counts)]
+        left = [c for c in left if says[c.at].kind in (None, part)]
+        at = [c.at for c in left] if len(left) == 3 else []
+        value, why = [own + 1 for own in at], "they alone can be its three"
+        doubt = "" if at else "which three are they?"
+        why = why if at else f"{len(left)} columns may be it, where three are looked for"
+        guesses.append(Guess(f"{part}_columns", value or None, why, doubt, sure=bool(at)))
+    guesses += _beside(sheet, numeric, others) if part == "gyro" else ()
+    rest = tuple(c.at for c in numeric if c.at not in taken and c.at not in at and not c.counts)
+    gyro, accel = (tuple(at) if part == own else () for own in ("gyro", "accel"))
+    return Columns(gyro, accel, time, others["plate"], rest, tuple(guesses))
+
+
+def named_triads(sheet: Sheet) -> list[str]:
+    """The triads, gyro and accel, of a sheet whose columns' names say so."""
+    says = [described(*own) for own in zip_longest(sheet.names, sheet.units, fillvalue="")]
+    return [part for part in ("gyro", "accel") if _of_kind(says, part)]
+
+
+def is_at_one_g(sheet: Sheet, at: Sequence[int]) -> bool:
+    """Whether the means of three columns, by position, are together 1 g in some unit."""
+    values, _ = sheet.head().columns(at)
+    return unit_of_force([float(own.mean()) for own in values]) is not None
 
 
 def _beside(
@@ -154,16 +199,19 @@ def _named(sheet: Sheet, name: str) -> int | None:
     return found[0] if len(found) == 1 else None
 
 
-def _by_name(sheet: Sheet, says: Sequence[Described]) -> list[int] | None:
+def _by_name(says: Sequence[Described]) -> list[int] | None:
     """Gyro and accelerometer columns by their names; None where not all six are named once."""
-    six = []
-    for kind in ("gyro", "accel"):
-        for axis in "xyz":
-            found = [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
-            if len(found) != 1:
-                return None
-            six += found
-    return six
+    both = [_of_kind(says, kind) for kind in ("gyro", "accel")]
+    return both[0] + both[1] if all(both) else None
+
+
+def _of_kind(says: Sequence[Described], kind: str) -> list[int]:
+    """A triad's columns by their names; none where not all three are named once."""
+    found = [
+        [at for at, own in enumerate(says) if (own.kind, own.axis) == (kind, axis)]
+        for axis in "xyz"
+    ]
+    return [own[0] for own in found] if all(len(own) == 1 for own in found) else []
 
 
 def _one_triad(
@@ -176,11 +224,9 @@ def _one_triad(
         ("gyro", "accel", "accelerometers"),
         ("accel", "gyro", "gyros"),
     ):
-        own = [[at for at, said in enumerate(says) if (said.kind, said.axis) == (kind, axis)]
-               for axis in "xyz"]  # fmt: skip
-        if any(len(found) != 1 for found in own) or any(said.kind == other for said in says):
+        at = _of_kind(says, kind)
+        if not at or any(said.kind == other for said in says):
             continue
-        at = [found[0] for found in own]
         nameless = [c for c in columns if c.at not in at and not sheet.names[c.at]]
         rest = [c for c in columns if c.at not in at]
         hidden = kind == "gyro" and any(
@@ -190,6 +236,34 @@ def _one_triad(
             why = f"no column is called one of {name}: noise of the other triad alone is fitted"
             return at, Guess(f"{other}_columns", NONE, why)
     return None
+
+
+def _few_axes(
+    sheet: Sheet, columns: Sequence[_Column], says: Sequence[Described]
+) -> tuple[tuple[int, ...], list[Guess]] | None:
+    """The columns of a gyro of one or two axes, by their names, and the guesses that it is one;
+    None where they are not, or something is called an accelerometer."""
+    own = [c.at for c in columns if c.noise > 0 and says[c.at].kind == "gyro"]
+    if not own:
+        alone = [c.at for c in columns if c.noise > 0 and _is_gyro(sheet, c.at)]
+        own = alone if len(alone) == 1 else []
+    distinct = len({says[at].axis for at in own}) == len(own)
+    if not 1 <= len(own) <= 2 or not distinct or any(said.kind == "accel" for said in says):
+        return None
+    which = ", ".join(named(sheet, at) for at in own)
+    why = f"{which} alone {'is' if len(own) == 1 else 'are'} called so: a gyro of {len(own)} "
+    why += "axis" if len(own) == 1 else "axes"
+    none = "no column is called one of accelerometers: noise of the gyro alone is fitted"
+    guesses = [
+        Guess("gyro_columns", [key(sheet, at) for at in own], why),
+        Guess("accel_columns", NONE, none),
+    ]
+    return tuple(own), guesses
+
+
+def _is_gyro(sheet: Sheet, at: int) -> bool:
+    """Whether a column's name is that of a gyro without an axis."""
+    return is_gyro(sheet.names[at], sheet.units[at] if at < len(sheet.units) else "")
 
 
 def _by_value(
@@ -223,7 +297,10 @@ def _by_value(
         return six, Guess("columns", one, why)
     if not ways:
         none = "no three columns side by side have together 1 g beside three that may be gyros"
-        doubt = "which six are they, or which three (log.gyro_columns with log.accel_columns=none)?"
+        doubt = (
+            "which six are they, or which one to three are of gyros alone (log.gyro_columns with "
+        )
+        doubt += "log.accel_columns=none)?"
         return [], Guess("columns", None, none, doubt, sure=False)
     several = "; or ".join("[" + ",".join(str(at + 1) for at in six) + "]" for six in ways[:4])
     why = f"several may be: {several}"

@@ -1,8 +1,8 @@
 """The examination of one file: from its first line to a description with which it is read, and what
 of that is a guess."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,32 +15,25 @@ from lbgc.data.checks.moved import PLATE
 from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.logs import Recording
-from lbgc.data.looking import columns, layout, sensor, stretch, turned
+from lbgc.data.looking import columns, layout, pair, sensor, stretch, turned
+from lbgc.data.looking.case import Case
+from lbgc.data.looking.clocked import timed
 from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
 from lbgc.data.readers import raw as readers
-from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.formats import files
 from lbgc.data.readers.picked import picked
-from lbgc.data.readers.pieces import clock_of
-from lbgc.data.readers.raw import Raw, plate_unit
+from lbgc.data.readers.raw import plate_unit
 from lbgc.data.readers.sheets import Sheet
-from lbgc.data.record import Record
+from lbgc.data.record import Record, TriadRecord
 from lbgc.data.rests import longest_rest
 from lbgc.data.two_clocks import interleaved
 from lbgc.earth import EARTH_RATE
-from lbgc.errors import InputError, require
+from lbgc.errors import InputError
 from lbgc.units import DEG
 
-_USUAL_HZ = 100.0
-"""The rate that is taken to go on with, where none is found, Hz."""
-_RATES, _SHORTEST_S, _USUAL = (1.0, 5000.0), 10.0, ("s", "ms", "us", "ns")
-"""Rates, Hz, least duration and units of clocks as people have them."""
 _PLATE = ("plate_column", "positions", "angles_deg")
 """Keys that state a plate's angle."""
-_BESIDE = ("temperature_column", "heading_column", "plate_column", "positions", "angles_deg",
-           "gap_s")  # fmt: skip
-"""Keys of what is read beside the sensors."""
 _TUMBLED = "evaluate estimator=tumble finds the heading of each, from the whole log (README)"
 """What the commands do with a log of several attitudes."""
 _TO_OPEN = ("table", "dtype", "skip_bytes")
@@ -66,14 +59,19 @@ class Look:
     """What reading it noted"""
     refusal: InputError | None = None
     """Why it cannot be evaluated so; None where it can"""
-    one_triad: bool = False
-    """Whether it was read so far as its one triad's noise takes"""
+    alone: TriadRecord | None = None
+    """The recording of the only triad, where there is one; the longest, likewise"""
 
     @cached_property
     def still(self) -> Record | None:
         """The recording where it rests: all of it, or the longest rest of one whose plate turns"""
         turns = self.record is not None and np.ptp(self.record.plate_angle) > PLATE
         return longest_rest(self.record) if self.record is not None and turns else self.record
+
+    @property
+    def rest(self) -> Record | TriadRecord | None:
+        """What rests of both triads, or of the only one; None where nothing can be read."""
+        return self.alone if self.still is None else self.still
 
     @property
     def asks(self) -> list[Guess]:
@@ -83,40 +81,13 @@ class Look:
     @property
     def is_described(self) -> bool:
         """Whether all but a heading can be had from the description: a fit of its noise."""
-        read = self.record is not None or self.one_triad
+        read = self.rest is not None
         return read and all(guess.heading_only for guess in self.asks)
 
     @property
     def is_sure(self) -> bool:
         """Whether a result may rest on the description."""
         return not self.asks and self.refusal is None
-
-
-@dataclass
-class _Case:
-    """What is known so far, while the file is examined."""
-
-    said: Mapping[str, Any]
-    heading: bool = True
-    """Whether a heading is asked for"""
-    facts: list[str] = field(default_factory=list)
-    guesses: list[Guess] = field(default_factory=list)
-    keys: dict[str, Any] = field(default_factory=dict)
-
-    def note(self, guess: Guess) -> None:
-        """Take a guess, unless the user said the key."""
-        if guess.key in self.said:
-            return
-        self.guesses.append(guess)
-        if guess.value is not None:
-            self.keys[guess.key] = guess.value
-
-    def ask(self, error: InputError, keys: tuple[str, ...]) -> None:
-        """Ask for the key that a refusal names, or else for the first of these."""
-        key = error.name.removeprefix("log.")
-        key = key if key in LogConfig.__dataclass_fields__ else keys[0]
-        self.guesses = [own for own in self.guesses if own.key != key]
-        self.guesses.append(Guess(key, None, str(error), "which is it?", sure=False))
 
 
 def looked(path: Path, said: Mapping[str, Any], heading: bool = True) -> Look:
@@ -126,7 +97,7 @@ def looked(path: Path, said: Mapping[str, Any], heading: bool = True) -> Look:
 
     Raises InputError where it is no file that any reader takes.
     """
-    case = _Case(said, heading, keys={"path": str(path), **said})
+    case = Case(said, heading, keys={"path": str(path), **said})
     name = outputs.shown(path.stem)
     case.keys.setdefault("name", name)
     special = _special(path)
@@ -155,8 +126,10 @@ def _special(path: Path) -> tuple[str, str] | None:
     return None
 
 
-def _examined(path: Path, case: _Case) -> bool:
+def _examined(path: Path, case: Case) -> bool:
     """Find a table's keys; whether there are enough to read it."""
+    if pair.said_apart(case.said):
+        return _examined_pair(case)
     place = path if files.is_bag_directory(path) else readers.only_file(path, path)
     kept = {key: case.said[key] for key in _TO_OPEN if key in case.said}
     try:
@@ -169,7 +142,33 @@ def _examined(path: Path, case: _Case) -> bool:
         return False
 
 
-def _found(own: Sheet, case: _Case) -> bool:
+def _examined_pair(case: Case) -> bool:
+    """Find the keys of gyros and accelerometers that are apart; whether there are enough to read
+    them."""
+    try:
+        with pair.opened(case) as own:
+            means = None if own is None else pair.on_one_clock(own, case)
+            if own is None or means is None:
+                return False
+            found = own.found
+            if len(means.gyro) != len(own.raws[0].gyro):
+                found = replace(found, plate=None, others=())  # which are of the gyros' samples
+            stated = own.picked[0].gyro_unit, own.picked[1].accel_unit
+            _described(means, own.gyro, found, stated, ("gyro", "accel"), case)
+            return _can_be_read(case)
+    except InputError as error:
+        if error.name not in ("log.table", "log.accel_table"):
+            raise
+        case.ask(error, ("table",))
+        return False
+
+
+def _can_be_read(case: Case) -> bool:
+    """Whether there are enough keys to read a table."""
+    return all(guess.value is not None or guess.heading_only for guess in case.guesses)
+
+
+def _found(own: Sheet, case: Case) -> bool:
     """Find the keys of an opened table; whether there are enough to read it."""
     case.facts.append(layout.kind(own))
     found = columns.find(own)
@@ -181,104 +180,59 @@ def _found(own: Sheet, case: _Case) -> bool:
         return False
     if not named:
         case.facts.append(layout.which(own, found))
-    trial = _kept(case.keys) | {"latitude": 0.0, "repeats": case.said.get("repeats", "auto")}
-    trial |= {k: case.said.get(k, "auto") for k in ("gyro_unit", "accel_unit")}
-    trial |= {"axes": ["x", "y", "z"], "accel_axes": None} | dict.fromkeys(_BESIDE)
     try:
-        raw = readers.of_sheet(own, case.keys["name"], LogConfig(**trial))
+        raw = readers.of_sheet(own, case.keys["name"], case.trial())
     except InputError as error:
         case.ask(error, ("columns",))
         return False
-    about = "has rows of one triad each, which log=csv reads (log.path=FILE log.latitude=...)"
-    require(interleaved(raw) is None, "log.path", case.keys["name"], about)
-    raw = replace(raw, gyro=raw.config.counted("gyro", raw.gyro),
-                  accel=raw.config.counted("accel", raw.accel))  # fmt: skip
-    means = _timed(raw, case)
-    _described(means, own, found, raw.config, case)
-    return all(guess.value is not None or guess.heading_only for guess in case.guesses)
-
-
-def _kept(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys that a description may have already."""
-    return {key: value for key, value in keys.items() if value is not None}
-
-
-def _timed(raw: Raw, case: _Case) -> Means:
-    """The values with their rate. Where the clock is not clear that is asked for, and a usual rate
-    taken to go on with."""
-    if raw.stamps is None and raw.config.rate_hz is None:
-        doubt = "how many samples a second?"
-        case.note(Guess("rate_hz", None, "it has no time column", doubt, sure=False))
-        return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
-    try:
-        clock = clock_of(raw)
-    except InputError as error:
-        if (unit := _usual_unit(raw, error, case)) is not None:
-            config = replace(raw.config, time_unit=unit)
-            said = replace(raw.said, unit=unit)
-            return _timed(replace(raw, config=config, said=said), case)
-        if "log.gaps=" not in str(error) or "gaps" in case.said:
-            case.ask(error, ("time_unit", "rate_hz"))
-            return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
-        case.note(Guess("gaps", "longest", f"its longest piece is read, since {error}"))
-        try:
-            clock = clock_of(replace(raw, config=replace(raw.config, gaps="longest")))
-        except InputError as other:
-            case.ask(other, ("gaps",))
-            return Means(raw.name, raw.gyro, raw.accel, _USUAL_HZ)
-    case.facts += [*raw.notes, *clock.notes]
-    longest = max(clock.pieces, key=lambda piece: piece.stop - piece.start)
-    count = longest.stop - longest.start
-    case.facts.append(f"{count} samples at {clock.rate_hz:.6g} Hz, {count / clock.rate_hz:.6g} s")
-    return Means(raw.name, raw.gyro[longest], raw.accel[longest], clock.rate_hz, longest.start)
-
-
-def _usual_unit(raw: Raw, error: InputError, case: _Case) -> str | None:
-    """The one unit of time, where a refusal is of several, that makes a usual rate and more than a
-    few seconds, which is noted; None where there is none, or several."""
-    if error.name != "log.time_unit" or case.said.get("time_unit") or "time_unit" in case.keys:
-        return None
-    assert raw.stamps is not None
-    span = float(raw.stamps[-1] - raw.stamps[0])
-    fits = {}
-    for unit, seconds in TIME_UNITS.items():
-        rate = (len(raw.stamps) - 1) / (span * seconds) if span > 0 else 0.0
-        if _RATES[0] <= rate <= _RATES[1] and span * seconds >= _SHORTEST_S and unit in _USUAL:
-            fits[unit] = rate
-    if len(fits) != 1:
-        return None
-    ((unit, rate),) = fits.items()
-    why = f"it makes it {rate:.5g} Hz and {span * TIME_UNITS[unit]:.4g} s, as no other does"
-    case.note(Guess("time_unit", unit, why))
-    return unit
+    says = picked(own, raw.config)
+    apart = interleaved(raw)
+    means = timed(pair.counted(raw), case) if apart is None else pair.of_rows(apart, case)
+    if means is None:
+        return False
+    if len(means.gyro) != len(raw.gyro) and apart is not None:
+        found = replace(found, plate=None, others=())  # which are of the gyros' samples
+    stated = says.gyro_unit, says.accel_unit
+    _described(means, own, found, stated, raw.config.recorded, case)
+    return _can_be_read(case)
 
 
 def _described(
-    means: Means, own: Sheet, found: columns.Columns, config: LogConfig, case: _Case
+    means: Means,
+    own: Sheet,
+    found: columns.Columns,
+    stated: tuple[str | None, str | None],
+    recorded: Sequence[str],
+    case: Case,
 ) -> None:
-    """Find where it rests, its units, its axes, and how a plate turned it."""
+    """Find where it rests, its units, its axes, and how a plate turned it. stated : the units of
+    gyros and accelerometers by the columns' names; recorded : the triads that there are."""
     means = _as_said(means, case.said)
     still = stretch.rest(means.gyro, means.accel, means.rate_hz)
     rest = means.part(still.first, still.last)
-    says = picked(own, config)
     latitude = None if (given := case.said.get("latitude")) is None else given * DEG
     accel = gyro = None
-    if "accel" in config.recorded:
-        accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, says.accel_unit))
-    if "gyro" in config.recorded:
+    if "accel" in recorded:
+        accel = _one(case, "accel_unit", lambda: sensor.accel_unit(rest, stated[1]))
+    if "gyro" in recorded:
         moves = still.last - still.first < len(means.gyro)
         gyro = _one(
             case,
             "gyro_unit",
-            lambda: sensor.gyro_unit(rest, says.gyro_unit, latitude, moves),
+            lambda: sensor.gyro_unit(rest, stated[0], latitude, moves),
         )
-    if "latitude" not in case.said and len(config.recorded) == 2:
+    if "latitude" not in case.said and len(recorded) == 2:
         why = "" if gyro is None else sensor.latitude(rest, gyro)
         doubt = "where was it recorded?"
         case.note(Guess("latitude", None, why, doubt, sure=False, heading_only=True))
     if accel is not None and gyro is not None:
         if "axes" not in case.said:
-            for guess in sensor.axes(rest, gyro, latitude):
+            stated_frame = layout.frame(own)
+            for guess in (
+                sensor.axes(rest, gyro, latitude)
+                if stated_frame is None
+                else sensor.stated_axes(rest, gyro, latitude, stated_frame)
+            ):
                 case.note(guess)
         if case.heading and _turned(means, still, own, found, gyro, case):
             return
@@ -294,7 +248,7 @@ def _as_said(means: Means, said: Mapping[str, Any]) -> Means:
     return means.part(first, last) if last - first > 1 else means
 
 
-def _cut(still: stretch.Stretch, means: Means, case: _Case) -> None:
+def _cut(still: stretch.Stretch, means: Means, case: Case) -> None:
     """Describe where it rests: its longest stretch."""
     first, last = ((means.first + row) / means.rate_hz for row in (still.first, still.last))
     if still.last - still.first < len(means.gyro):
@@ -310,7 +264,7 @@ def _cut(still: stretch.Stretch, means: Means, case: _Case) -> None:
 
 
 def _turned(
-    means: Means, still: stretch.Stretch, own: Sheet, found: columns.Columns, unit: str, case: _Case
+    means: Means, still: stretch.Stretch, own: Sheet, found: columns.Columns, unit: str, case: Case
 ) -> bool:
     """Find how a plate turned it: whether a column or the user states the angles, so that it is
     read whole. Turns that no column has are asked about. unit : of the gyros."""
@@ -350,7 +304,7 @@ def _turned(
     return False
 
 
-def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
+def _one(case: Case, key: str, guess: Callable[[], Guess]) -> str | None:
     """The value of a unit's key: as said, or as guessed, which is noted."""
     if case.said.get(key, "auto") != "auto":
         return str(case.said[key])
@@ -359,7 +313,7 @@ def _one(case: _Case, key: str, guess: Callable[[], Guess]) -> str | None:
     return str(found.value) if found.sure else None
 
 
-def _read(path: Path, name: str, case: _Case, found: list[Recording] | None = None) -> Look:
+def _read(path: Path, name: str, case: Case, found: list[Recording] | None = None) -> Look:
     """Read the file by what was found, as every command would. found : what was read so already."""
     keys = {k: v for k, v in case.keys.items() if v is not None}
     look = Look(path, name, tuple(case.facts), tuple(case.guesses), keys)
@@ -367,7 +321,9 @@ def _read(path: Path, name: str, case: _Case, found: list[Recording] | None = No
     try:
         alone = logs.read_noise(config) if len(config.recorded) == 1 else []
         said = tuple(dict.fromkeys(note for own in alone for one in own for note in one.notes))
-        look = replace(look, one_triad=bool(alone), notes=said)
+        every = [one for own in alone for one in own if isinstance(one, TriadRecord)]
+        longest = max(every, key=lambda one: len(one.values), default=None)
+        look = replace(look, alone=longest, notes=said)
         read = logs.unchecked(config) if found is None else found
     except InputError as error:
         return replace(look, refusal=error.with_traceback(None))
@@ -386,7 +342,7 @@ def _read(path: Path, name: str, case: _Case, found: list[Recording] | None = No
     return replace(look, refusal=refusal)
 
 
-def _biased(found: list[Recording], config: LogConfig, case: _Case) -> list[Recording]:
+def _biased(found: list[Recording], config: LogConfig, case: Case) -> list[Recording]:
     """The recordings of a file whose bias exceeds what is taken as possible: the description says
     how large it may be, and the doubt what that means."""
     record = logs.checked(found, config, north=False)[0]

@@ -1,7 +1,7 @@
 """What a table of a file is and which of its columns are what, in words."""
 
 from lbgc.data.looking import columns
-from lbgc.data.readers.formats.table import Collected
+from lbgc.data.readers.formats.table import Collected, Frame
 from lbgc.data.readers.sheets import Sheet, shown
 
 _SEPARATORS = {" ": "blanks", "\t": "tabs", ",": "commas", ";": "semicolons", "|": "bars"}
@@ -21,6 +21,11 @@ def kind(own: Sheet) -> str:
     mark = ", with decimal commas" if dialect.decimal == "," else ""
     separator = _SEPARATORS.get(dialect.separator, dialect.separator)
     return f"text of {own.width} columns between {separator}{mark}, {header}{units}{before}"
+
+
+def frame(own: Sheet) -> Frame | None:
+    """The axes that the table's format states; None where it states none."""
+    return own.source.table.frame if isinstance(own.source, Collected) else None
 
 
 def which(own: Sheet, found: columns.Columns) -> str:

@@ -19,8 +19,9 @@ from lbgc.data.checks.plausible import (
 )
 from lbgc.data.looking.columns import unit_of_force
 from lbgc.data.looking.guess import Guess
-from lbgc.data.readers.axes import spelled
+from lbgc.data.readers.axes import matrix_of, spelled
 from lbgc.data.readers.blocks import some
+from lbgc.data.readers.formats.table import Frame
 from lbgc.earth import EARTH_RATE
 from lbgc.units import DEG, force_factor, rate_factor
 
@@ -201,6 +202,22 @@ def axes(log: Means, unit: str, latitude: float | None) -> list[Guess]:
         doubt = "or the gyros' axes are others than the accelerometers', which differs by the tilt"
         found.append(Guess("accel_axes", accel, why, doubt, lean < _LEVEL_DEG, heading_only=True))
     return found
+
+
+def stated_axes(log: Means, unit: str, latitude: float | None, stated: Frame) -> list[Guess]:
+    """The axes that the file's format states, where it rests on that frame's down side; otherwise
+    those that its rest tells, which is asked about."""
+    down = -matrix_of(list(stated.axes)) @ log.accel.mean(axis=0)
+    lean = float(np.rad2deg(np.arccos(np.clip(down[2] / np.linalg.norm(down), -1.0, 1.0))))
+    if lean < _LEANS_DEG:
+        why = f"{stated.why}; it rests with that down {lean:.2g} deg from the vertical"
+        return [Guess("axes", list(stated.axes), why, stated.doubt, heading_only=True)]
+    said = f"{stated.why} ([{','.join(stated.axes)}]), but that down is {lean:.0f} deg from the "
+    said += "vertical: did it lie so, or has it other axes?"
+    return [
+        replace(own, doubt=said, sure=False) if own.key == "axes" else own
+        for own in axes(log, unit, latitude)
+    ]
 
 
 def _frame(vertical: int, down: float) -> np.ndarray:

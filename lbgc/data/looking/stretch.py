@@ -76,9 +76,9 @@ def attitudes(accel: np.ndarray, still: Stretch) -> int:
 def _means(values: np.ndarray, size: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The means of blocks of so many of the values (T, 3), and the standard deviations within them,
     (count, 3) each; of single values, that from the one before."""
-    mean, noise = np.empty((count, 3)), np.empty((count, 3))
+    mean, noise = (np.empty((count, values.shape[1])) for _ in range(2))
     for own in blocks(count, max(1, ROWS // size)):
-        part = values[own.start * size : own.stop * size].reshape(-1, size, 3)
+        part = values[own.start * size : own.stop * size].reshape(-1, size, values.shape[1])
         mean[own], noise[own] = part.mean(axis=1), part.std(axis=1)
     return mean, noise if size > 1 else np.abs(np.diff(mean, axis=0, prepend=0))
 

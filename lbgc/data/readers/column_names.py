@@ -10,6 +10,9 @@ _WORDS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+|[^\W\d_]+")
 _LONGEST = 200
 """Characters of a name that is looked at, at most."""
 
+_PLAIN = 3
+"""Letters from which on a gyro's name needs no unit: g may be gravity."""
+
 _UNITS = {
     "rad/s": "rad/s", "rads": "rad/s", "rad/sec": "rad/s", "rps": "rad/s", "radps": "rad/s",
     "deg/s": "deg/s", "degs": "deg/s", "deg/sec": "deg/s", "dps": "deg/s", "degps": "deg/s",
@@ -159,6 +162,18 @@ def _vector(words: Sequence[str]) -> tuple[str | None, str | None]:
         if joined[0] in "xyz" and joined[1:] in _KIND_OF:
             return _KIND_OF[joined[1:]], joined[0]
     return None, None
+
+
+def is_gyro(name: str, units_row: str = "") -> bool:
+    """Whether a name without an axis, such as rate (deg/h), is that of a gyro."""
+    found = _BRACKETS.match(name[:_LONGEST])
+    said = unit(units_row[:_LONGEST]) or (unit(found[2]) or found[2] if found else None)
+    words = [word.lower() for word in _WORDS.findall(found[1] if found else name[:_LONGEST])]
+    words, suffix = _without_unit(words)
+    said = said or suffix
+    joined = "".join(word for word in words if not _NOISE.fullmatch(word) and not word.isdigit())
+    plain = len(joined) >= _PLAIN or said in _DIMENSIONS["gyro"]
+    return _KIND_OF.get(joined) == "gyro" and plain and said in (None, *_DIMENSIONS["gyro"])
 
 
 def seconds_and_nanoseconds(names: Sequence[str]) -> tuple[int, int] | None:

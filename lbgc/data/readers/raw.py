@@ -106,6 +106,15 @@ def _of_table(path: Path, opening: LogConfig, config: LogConfig, parts: Sequence
 def triads_apart(config: LogConfig) -> tuple[Raw, Raw]:
     """The gyros and the accelerometers of one recording, each from its own file or table. Columns
     that stand beside the sensors' are read with the gyros."""
+    first, second = (
+        _of_table(find(str(own.path)), own, replace(config, **_beside(own)), own.recorded)
+        for own in each_triad(config)
+    )
+    return first, second
+
+
+def each_triad(config: LogConfig) -> tuple[LogConfig, LogConfig]:
+    """The description of the gyros' file or table, and that of the accelerometers'."""
     gyro = replace(config, accel_path=None, accel_table=None, accel_columns=NONE,
                    accel_time_column=None, accel_late_s=0.0, accel_rows=None)  # fmt: skip
     path = config.path if config.accel_path is None else config.accel_path
@@ -121,11 +130,7 @@ def triads_apart(config: LogConfig) -> tuple[Raw, Raw]:
         heading_column=None,
         temperature_column=None,
     )
-    first, second = (
-        _of_table(find(str(own.path)), own, replace(config, **_beside(own)), own.recorded)
-        for own in (gyro, accel)
-    )
-    return first, second
+    return gyro, accel
 
 
 def _beside(config: LogConfig) -> dict[str, Any]:

@@ -15,8 +15,9 @@ import numpy as np
 
 from lbgc import machine
 from lbgc.data.readers import tables
+from lbgc.data.readers.axes import require_axes
 from lbgc.data.readers.formats import child
-from lbgc.data.readers.formats.table import AT_ONCE, LONGEST_TEXT, Pieces, Table
+from lbgc.data.readers.formats.table import AT_ONCE, LONGEST_TEXT, Frame, Pieces, Table
 from lbgc.errors import InputError, reading
 from lbgc.outputs import shown
 
@@ -74,6 +75,15 @@ def _started(reader: str, path: Path, limits: Sequence[str]) -> "subprocess.Pope
     )  # fmt: skip
 
 
+def _frame(told: dict[str, Any] | None) -> Frame | None:
+    """The frame of which the process told. Raises InputError where its axes are none."""
+    if told is None:
+        return None
+    axes = [str(own) for own in told["axes"]]
+    require_axes("log.axes", axes)
+    return Frame(tuple(axes), str(told["why"]), str(told["doubt"]))
+
+
 class _Conversation:
     """What is asked of a reading process, and what it answers."""
 
@@ -97,8 +107,9 @@ class _Conversation:
         names, units, notes = (tuple(map(str, told[k])) for k in ("names", "units", "notes"))
         if len(names) > _MOST_COLUMNS:
             raise ValueError(f"a table of {len(names)} columns")
+        frame = _frame(told["frame"])
         return Table(str(told["name"]), names, units, int(told["rows"]),
-                     lambda which: self._pieces(at, which), notes)  # fmt: skip
+                     lambda which: self._pieces(at, which), notes, frame)  # fmt: skip
 
     def _heard(self) -> dict[str, Any]:
         """The next message. Raises InputError where the process could not read the file."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lbgc.data.readers.formats.extras import needed
-from lbgc.data.readers.formats.table import AT_ONCE, Pieces, Table
+from lbgc.data.readers.formats.table import AT_ONCE, Frame, Pieces, Table
 
 ROS1, MCAP, SQLITE = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 METADATA = "metadata.yaml"
@@ -35,9 +35,10 @@ _NAMES = (
     *(f"linear_acceleration.{axis}" for axis in "xyz"),
 )  # fmt: skip
 _UNITS = ("ns", "ns", *["rad/s"] * 3, *["m/s2"] * 3)
-_FRAME = (
-    "axes: ROS's frames are forward, left, up by REP 103, which is log.axes=[x,-y,-z], unless the "
-    "sensor's own frame is another"
+_FRAME = Frame(
+    ("x", "-y", "-z"),
+    "ROS's frames are forward, left, up by REP 103",
+    "unless the sensor's own frame is another, as REP 145 allows",
 )
 
 
@@ -60,7 +61,8 @@ def _table(opened: Any, topic: str, connections: Sequence[Any], is_ros1: bool) -
     """The table of a topic, which several publishers may have sent."""
     rows = sum(own.msgcount for own in connections)
     return Table(topic, _NAMES, _UNITS, rows,
-                 lambda which: _pieces(opened, connections, is_ros1, which), (_FRAME,))  # fmt: skip
+                 lambda which: _pieces(opened, connections, is_ros1, which), (_FRAME.note,),
+                 _FRAME)  # fmt: skip
 
 
 def _opened(path: Path) -> tuple[bool, Any]:

@@ -12,6 +12,7 @@ import resource
 import struct
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
 
@@ -101,7 +102,7 @@ def _described(own: Table) -> dict[str, Any]:
     """A table as it is told of."""
     return {
         "name": own.name, "names": own.names, "units": own.units, "rows": own.rows,
-        "notes": own.notes,
+        "notes": own.notes, "frame": None if own.frame is None else asdict(own.frame),
     }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lbgc.data.readers.formats.table import AT_ONCE, Pieces, Table, cut_short, in_memory
+from lbgc.data.readers.formats.table import AT_ONCE, Frame, Pieces, Table, cut_short, in_memory
 
 MAGIC, TEXT = b"\xa3\x95\x80", b"FMT, "
 _KINDS = ("IMU", "IMU2", "IMU3")
@@ -29,7 +29,7 @@ _TYPES = {"b": "i1", "B": "u1", "M": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "
           "q": "<i8", "Q": "<u8", "g": "<f2", "f": "<f4", "d": "<f8", "n": "S4", "N": "S16",
           "Z": "S64", "a": "S64", "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4",
           "L": "<i4"}  # fmt: skip
-_FRAME = "axes: ArduPilot states rates and forces forward, right, down, which is log.axes=[x,y,z]"
+_FRAME = Frame(("x", "y", "z"), "ArduPilot states rates and forces forward, right, down")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def read(path: Path) -> list[Table]:
             return _of_text(path)
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     kinds, places, passed_over, left = _index(content)
-    notes = [_FRAME]
+    notes = [_FRAME.note]
     if passed_over:
         notes.append(f"damage: {passed_over} bytes of {path.name} are no messages and were passed "
                      "over")  # fmt: skip
@@ -149,7 +149,7 @@ def _table(
     def pieces(which: Sequence[int]) -> Pieces:
         return _pieces(content, kind.dtype, places, [names[at] for at in which])
 
-    return Table(title, names, tuple(units.values()), len(places), pieces, notes)
+    return Table(title, names, tuple(units.values()), len(places), pieces, notes, _FRAME)
 
 
 def _pieces(
@@ -169,7 +169,7 @@ def _of_text(path: Path) -> list[Table]:
     kinds: dict[str, _Kind] = {}
     found: dict[str, list[array[float]]] = {}
     units: dict[str, dict[str, str]] = {}
-    notes = [_FRAME]
+    notes = [_FRAME.note]
     with path.open(encoding="latin-1") as file:
         for number, line in enumerate(file, start=1):
             if not line.endswith("\n"):
@@ -197,6 +197,7 @@ def _of_text(path: Path) -> list[Table]:
             dict(zip(units[title], map(np.array, values), strict=True)),
             units[title],
             tuple(notes),
+            _FRAME,
         )
         for name, (title, values) in zip(names, found.items(), strict=True)
     ]

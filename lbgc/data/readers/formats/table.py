@@ -24,6 +24,24 @@ _LISTED = 20
 
 
 @dataclass(frozen=True)
+class Frame:
+    """The axes along which a format's rates and forces are, where it states them."""
+
+    axes: tuple[str, ...]
+    """Which of them are forward, right and down, in the notation of `LogConfig.axes`"""
+    why: str
+    """Who states it: a clause"""
+    doubt: str = ""
+    """When it may be otherwise, a clause; empty where it is certain"""
+
+    @property
+    def note(self) -> str:
+        """The note of it."""
+        said = f"axes: {self.why}, which is log.axes=[{','.join(self.axes)}]"
+        return f"{said}, {self.doubt}" if self.doubt else said
+
+
+@dataclass(frozen=True)
 class Table:
     """A table of a file: what its columns are called, and how they are read."""
 
@@ -39,6 +57,8 @@ class Table:
     """Columns by position, piece by piece"""
     notes: tuple[str, ...] = ()
     """What was found or assumed, plain sentences"""
+    frame: Frame | None = None
+    """The axes of its sensors, where the format states them"""
 
 
 @dataclass(frozen=True)
@@ -122,8 +142,9 @@ def named_columns(dtype: np.dtype) -> dict[str, int]:
 
 
 def in_memory(
-    name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], notes: tuple[str, ...]
-) -> Table:
+    name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], notes: tuple[str, ...],
+    frame: Frame | None = None,
+) -> Table:  # fmt: skip
     """The table of columns that are in memory, by their names."""
     values = list(columns.values())
 
@@ -131,7 +152,7 @@ def in_memory(
         yield [values[at] for at in which]
 
     return Table(name, tuple(columns), tuple(units[own] for own in columns), len(values[0]), read,
-                 notes)  # fmt: skip
+                 notes, frame)  # fmt: skip
 
 
 def cut_short(name: str, what: str) -> str:

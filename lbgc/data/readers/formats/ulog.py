@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lbgc.data.readers.formats.extras import needed
-from lbgc.data.readers.formats.table import Table, cut_short, in_memory
+from lbgc.data.readers.formats.table import Frame, Table, cut_short, in_memory
 
 MAGIC = b"ULog\x01\x12\x35"
 _MESSAGES = ["sensor_combined", "vehicle_imu", "sensor_gyro", "sensor_accel"]
@@ -21,13 +21,13 @@ _HEADER, _FLAGS = 16, struct.Struct("<HB16x3Q")
 """Bytes before the first message, and the one that says where something was added to the file"""
 _ALIKE = 0.98
 """The share of two sensors' samples that must have come together."""
-_FRAME = "axes: PX4 states rates and forces forward, right, down, which is log.axes=[x,y,z]"
+_FRAME = Frame(("x", "y", "z"), "PX4 states rates and forces forward, right, down")
 
 
 def read(path: Path) -> list[Table]:
     """The tables of a ULog file's IMU messages. Raises InputError where pyulog is missing."""
     found = needed("pyulog").ULog(str(path), _MESSAGES, disable_str_exceptions=True)
-    notes = [_FRAME]
+    notes = [_FRAME.note]
     if found.file_corruption:
         notes.append(f"damage: parts of {path.name} are damaged and were passed over")
     elif left := _left_at_end(path):
@@ -43,7 +43,7 @@ def read(path: Path) -> list[Table]:
         title = f"{name}_{number}" if name in several else name
         columns = _columns(name, data, topics.get(("sensor_accel", number)))
         if columns:
-            tables.append(in_memory(title, columns, _UNITS, tuple(notes)))
+            tables.append(in_memory(title, columns, _UNITS, tuple(notes), _FRAME))
     return tables
 
 
