@@ -68,6 +68,8 @@ class Said:
     to_s: float | None = None
     leave_out: list[list[float]] | None = None
     rows: list[Any] | None = None
+    plate_axis: str | None = None
+    most_bias_deg_per_h: float | None = None
 
     def keys(self) -> dict[str, Any]:
         """Those that are said."""

@@ -206,6 +206,14 @@ def test_holes_are_found_where_they_are(jitter_s, lost):
     assert hole == Hole(7000, lost)
 
 
+def test_stamps_that_no_clock_has_are_a_hole_without_end(rng):
+    """Stamps of the size of the largest numbers that are read, and no warning of NumPy's."""
+    stamps = 0.01 * np.arange(500) + 0.003 * rng.standard_normal(500)
+    stamps[250:] += 1e27
+    found = instants(stamps)
+    assert max(hole.missing for hole in found.holes) == 2**53
+
+
 def test_stamps_that_take_no_time_are_refused(tmp_path):
     with pytest.raises(InputError, match="take no time"):
         one(log(tmp_path / "log.csv", 0 * T))

@@ -5,10 +5,14 @@ from dataclasses import replace
 
 import allantools
 import numpy as np
+import pyarrow as pa
+import pyarrow.feather
 import pytest
+import scipy.io
 import yaml
 
-from lbgc.errors import build
+from lbgc.data import curves
+from lbgc.errors import InputError, build
 from lbgc.sensor import gaussian
 from lbgc.sensor.allan import octave_taus, overlapping_deviation
 from lbgc.sensor.datasheet import ImuConfig
@@ -178,6 +182,26 @@ def test_a_published_curve_becomes_a_sensor(cli, tmp_path):
     assert found["estimates"]["B"]["value"] == pytest.approx(2 * DEG / HOUR, rel=0.10)
     assert found["curve"]["weights"] == "equal"
     assert len(found["curve"]["taus"]) == 15
+
+
+def test_a_curve_is_read_from_any_format(tmp_path, monkeypatch):
+    """A named array with fields, and one of columns without names; of several tables, the one."""
+    monkeypatch.chdir(tmp_path)
+    deviation = curve(3.0, 2.0, 0.02, TAUS).deviation
+    columns = {"tau": TAUS, "deviation": deviation}
+    np.save("plain.npy", np.column_stack([TAUS, deviation]))
+    scipy.io.savemat("theirs.mat", {"curve": columns, "other": {"x": TAUS, "y": TAUS, "z": TAUS}})
+    pa.feather.write_feather(pa.table(columns), "theirs.feather")
+    for file in ("plain.npy", "theirs.mat", "theirs.feather"):
+        (found,) = curves.read(curves.CurveConfig(gyro=file, gyro_unit="deg/h"), "gyro")
+        np.testing.assert_allclose(found.taus, TAUS)
+        np.testing.assert_allclose(found.deviation, deviation * DEG / HOUR)
+    scipy.io.savemat("two.mat", {"one": columns, "two": columns})
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY garbage")
+    for file, says in (("two.mat", "holds no one curve"), ("a.npy", "cannot be read")):
+        with pytest.raises(InputError, match=says) as caught:
+            curves.read(curves.CurveConfig(gyro=file, gyro_unit="deg/h"), "gyro")
+        assert caught.value.name == "curve.gyro"
 
 
 def test_units_errors_and_axes_of_a_file_are_read(cli, tmp_path):

@@ -16,6 +16,7 @@ from lbgc.data.logs import read
 from lbgc.data.looking import columns, sensor, stretch
 from lbgc.data.looking.doctor import looked
 from lbgc.data.readers.texts import sheet
+from lbgc.data.record import mock_record
 from lbgc.look import Said, as_override
 from lbgc.report import look_text
 
@@ -216,6 +217,18 @@ def test_what_it_asks_for_can_be_said(cli, tmp_path):
     done = cli("lbgc.evaluate", "log.path=log.mat", "log.latitude=48.1", "log.table=first",
                "windows_s=[30]")  # fmt: skip
     assert done.code == 0, done.err
+
+
+def test_a_log_without_noise_has_none(tmp_path):
+    """It is no sensor of 1e-32 degrees."""
+    table = still(seconds=60, arw=0.0, accel_ug=0.0)
+    header = "t,gx (deg/s),gy (deg/s),gz (deg/s),ax (m/s2),ay (m/s2),az (m/s2)"
+    look = looked(written(tmp_path / "log.csv", table, header), {"latitude": 48.1})
+    record = mock_record() if look.rest is None else look.rest
+    said = "\n".join(look_text.worth(record, look_text.deviations(record)))
+    assert "the gyros have no noise in this log" in said
+    assert "the accelerometers have no noise in this log" in said
+    assert "deg" not in said
 
 
 def test_a_limit_that_is_said_is_kept(tmp_path):

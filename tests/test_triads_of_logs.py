@@ -344,6 +344,9 @@ def test_times_are_left_out(tmp_path):
     first, second = read(config(file, gaps="split", **said))
     np.testing.assert_array_equal(first.accel, whole.accel[:900])
     np.testing.assert_array_equal(second.accel, whole.accel[1000:])
+    (joined,) = read(config(file, gaps="join", **said))
+    np.testing.assert_array_equal(joined.gyro, np.delete(whole.gyro, slice(900, 1000), axis=0))
+    assert "the 2 pieces were joined" in joined.notes[0]
     (cut,) = read(config(file, from_s=10.0, to_s=60.0, **said))
     np.testing.assert_array_equal(cut.gyro, whole.gyro[200:900])
 

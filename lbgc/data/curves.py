@@ -1,16 +1,19 @@
-"""Published Allan curves as points of averaging time and deviation, read from text or Parquet."""
+"""Published Allan curves as points of averaging time and deviation, in any format of tables."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import scipy.stats
 
+from lbgc.data.logconfig import LogConfig
 from lbgc.data.readers.clock import TIME_UNITS
 from lbgc.data.readers.column_names import unit
+from lbgc.data.readers.formats import files
 from lbgc.data.readers.raw import require_finite
 from lbgc.data.readers.sheets import Sheet, shown
-from lbgc.data.readers.texts import sheet
 from lbgc.errors import InputError, reading, require, require_choice, require_positive
 from lbgc.sensor.fitting.allan_fit import AllanCurve
 from lbgc.units import FORCE_UNITS, RATE_UNITS, factor
@@ -32,7 +35,7 @@ class CurveConfig:
     """The keys of `curve` in `conf/fit.yaml`: a published Allan curve, where there is no log."""
 
     gyro: str | list[str] | None = None
-    """A gyro's curve: a CSV or Parquet file with the columns `tau` (s) and `deviation`, and with
+    """A gyro's curve: a file of any format with the columns `tau` (s) and `deviation`, and with
     `sigma`, or `low` and `high`, where errors are stated; or three files, forward, right, down."""
     accel: str | list[str] | None = None
     """An accelerometer's curve, likewise."""
@@ -87,9 +90,9 @@ def _curve(config: CurveConfig, part: str, file: str) -> AllanCurve:
     key, path = f"curve.{part}", Path(file).expanduser()
     with reading(key, file):
         require(path.is_file(), key, file, "is no file")
-    own = sheet(path, key)
-    places = _places(own, key, file)
-    columns, _ = own.columns(list(places.values()))
+    with _opened(path, key, file) as own:
+        places = _places(own, key, file)
+        columns, _ = own.columns(list(places.values()))
     for name, column in zip(places, columns, strict=True):
         require(column.dtype.kind in "fi", key, file, f"has a column {name} that is not of numbers")
     rows = np.stack([column.astype(np.float64) for column in columns], axis=1)
@@ -117,6 +120,20 @@ def _curve(config: CurveConfig, part: str, file: str) -> AllanCurve:
         None if config.rate_hz is None else 1 / config.rate_hz,
         config.reading_percent / 100,
     )
+
+
+@contextmanager
+def _opened(path: Path, key: str, file: str) -> Iterator[Sheet]:
+    """The table of a file of any format that has a curve's columns, read within the `with` block.
+    Refusals name the file by `key`."""
+    try:
+        with files.opened(path, LogConfig(path=file), lambda own: _places(own, key, file)) as own:
+            yield own
+    except InputError as error:
+        if not error.name.startswith("log."):
+            raise
+        about = error.choices if error.name == "log.path" else f"holds no one curve: {error}"
+        raise InputError(key, file, "", about) from None
 
 
 def _places(own: Sheet, key: str, file: str) -> dict[str, int]:

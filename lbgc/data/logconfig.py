@@ -114,7 +114,8 @@ class LogConfig:
     """Seconds after the start from which on the rest is left out, likewise; null: none is."""
     leave_out: list[list[float]] = field(default_factory=list)
     """Times to leave out, [[from_s, to_s], ...] in order, likewise: a knock, somebody at the bench.
-    Of the pieces between them the longest is read, or each where `gaps` is split."""
+    Of the pieces between them the longest is read, each where `gaps` is split, or all as one
+    where it is join, except on two clocks."""
     rows: list[Any] | None = None
     """The first and the last row that are read, counted from one: [first, last], or [first, null];
     null: all are."""

@@ -222,7 +222,7 @@ def of_two_clocks(gyro: Raw, accel: Raw) -> Iterator[Recording]:
     gyros, accels = (
         [
             (own, two_clocks.start(raw, clock, own.rows) - by)
-            for own in pieces_of(raw, clock, max(begun) - first)
+            for own in pieces_of(raw, clock, max(begun) - first, joins=False)
         ]
         for (raw, clock), by, first in zip(both, (0.0, late), begun, strict=True)
     )

@@ -24,6 +24,8 @@ _FILES = ("path", "accel_path")
 _WINDOW_S = 240.0
 _CANNOT_DEG = 60.0
 """Expected error, degrees, above which north is not found; by chance it is 104."""
+_NOISELESS = 1e-9
+"""Allan deviation, as a share of the largest value, up to which it is rounding and no noise."""
 _ROWS = 3_600_000
 """Means of samples by which Allan deviations are computed, at most."""
 _WALKS = ("gyro", "angle", DEG, "deg/sqrt(h)"), ("accel", "velocity", 1.0, "m/s/sqrt(h)")
@@ -77,6 +79,13 @@ def worth(record: Record | TriadRecord, found: Deviations) -> list[str]:
     """Sentences on the sensor's noise and bias, and on whether north can be seen with them. found :
     the recording's Allan deviations."""
     taus, each = found
+    largest = {part: float(np.abs(values).max()) for part, values in record.triads.items()}
+    quiet = [part for part, own in each.items() if own.max() <= _NOISELESS * largest[part]]
+    each = {part: own for part, own in each.items() if part not in quiet}
+    said = [f"the {name} have no noise in this log, as none that was measured: it tells nothing "
+            "of them" for part, name, *_ in _LEAST if part in quiet]  # fmt: skip
+    if not each:
+        return said
     at = int(np.argmin(np.abs(taus - 1.0)))
     walk = {part: own[:, at] * np.sqrt(taus[at]) for part, own in each.items()}
     noise = [
@@ -84,7 +93,7 @@ def worth(record: Record | TriadRecord, found: Deviations) -> list[str]:
         for part, name, unit, what in _WALKS
         if part in walk
     ]
-    lines = [f"noise at {taus[at]:.3g} s: {', '.join(noise)}"]
+    lines = [*said, f"noise at {taus[at]:.3g} s: {', '.join(noise)}"]
     for part, name, unit, what in _LEAST:
         if part in each and (part == "gyro" or len(each) == 1):
             own = each[part]
@@ -106,7 +115,9 @@ def worth(record: Record | TriadRecord, found: Deviations) -> list[str]:
             f"a fit of the bias instability needs ten times its {longest:.3g} s: "
             f"{10 * longest / HOUR:.2g} hours, and better more"
         )
-    if not np.isfinite(record.latitude) or not isinstance(record, Record):
+    if not np.isfinite(record.latitude) or "gyro" not in each:
+        return lines
+    if not isinstance(record, Record):
         return lines
     gyro = each["gyro"]
     horizontal = EARTH_RATE * np.cos(record.latitude)

@@ -7,6 +7,7 @@ from typing import Any
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.looking.guess import Guess
 from lbgc.errors import InputError
+from lbgc.frames import AXES, DOWN
 
 _BESIDE = ("temperature_column", "heading_column", "plate_column", "positions", "angles_deg",
            "gap_s")  # fmt: skip
@@ -37,7 +38,8 @@ class Case:
         own = {key: value for key, value in self.keys.items() if value is not None}
         own |= {"latitude": 0.0, "repeats": self.said.get("repeats", "auto")}
         own |= {key: self.said.get(key, "auto") for key in ("gyro_unit", "accel_unit")}
-        own |= {"axes": ["x", "y", "z"], "accel_axes": None} | dict.fromkeys(_BESIDE)
+        own |= {"axes": ["x", "y", "z"], "accel_axes": None, "plate_axis": AXES[DOWN]}
+        own |= dict.fromkeys(_BESIDE)
         return LogConfig(**own)
 
     def ask(self, error: InputError, keys: tuple[str, ...]) -> None:

@@ -15,7 +15,7 @@ from lbgc.data.checks.moved import PLATE
 from lbgc.data.checks.plausible import PER_HOUR
 from lbgc.data.logconfig import LogConfig
 from lbgc.data.logs import Recording
-from lbgc.data.looking import columns, layout, pair, sensor, stretch, turned
+from lbgc.data.looking import carousel, columns, layout, pair, sensor, stretch, turned
 from lbgc.data.looking.case import Case
 from lbgc.data.looking.clocked import timed
 from lbgc.data.looking.guess import Guess
@@ -30,6 +30,7 @@ from lbgc.data.rests import longest_rest
 from lbgc.data.two_clocks import interleaved
 from lbgc.earth import EARTH_RATE
 from lbgc.errors import InputError
+from lbgc.frames import AXES, DOWN
 from lbgc.units import DEG
 
 _PLATE = ("plate_column", "positions", "angles_deg")
@@ -234,9 +235,15 @@ def _described(
                 else sensor.stated_axes(rest, gyro, latitude, stated_frame)
             ):
                 case.note(guess)
-        if case.heading and _turned(means, still, own, found, gyro, case):
+        if _is_wanted(case, still, means) and _turned(means, still, own, found, gyro, case):
             return
     _cut(still, means, case)
+
+
+def _is_wanted(case: Case, still: stretch.Stretch, means: Means) -> bool:
+    """Whether turns are looked for: for a heading, and where all of it may be an even turn, since
+    that is no rest."""
+    return case.heading or still.last - still.first == len(means.gyro)
 
 
 def _as_said(means: Means, said: Mapping[str, Any]) -> Means:
@@ -271,7 +278,7 @@ def _turned(
     if any(case.said.get(key) is not None for key in _PLATE):
         return True
     axes = case.keys["axes"]
-    felt = turned.course(means, still, unit, axes)
+    felt = turned.course(means, still, unit, axes, case.keys.get("accel_axes", axes))
     rows = slice(means.first, means.first + len(means.gyro))
     by_name = found.plate is not None
     for at in [found.plate] if by_name else found.others if felt.is_turned else ():
@@ -282,26 +289,42 @@ def _turned(
         if values.dtype.kind in "fi":
             stated = plate_unit(own, at)
             plate = turned.plate(name, key, values[rows], means, felt, unit, axes, stated)
-        if plate is not None:
+        off = 0.0 if plate is None else turned.off_level(_angle(values[rows], plate), felt)
+        if plate is not None and off < turned.LEVEL:
             for guess in plate:
                 case.note(guess)
             return True
-        if by_name and np.ptp(values[rows]) > 0:
+        if plate is not None:
+            said = f"{name} turns as the gyros do, but is {off / DEG:.3g} deg off at its first rest"
+            case.facts.append(f"{said}, by gravity: it is not used")
+        elif by_name and np.ptp(values[rows]) > 0:
             case.facts.append(f"{name} does not turn as the gyros do: it is not used")
     if not felt.is_turned:
+        if "plate_column" not in case.keys and (even := carousel.guess(means, unit, axes)):
+            case.note(even)
         return False
     where = means.first / means.rate_hz
     list_of = [[a + where, b + where, c] for a, b, c in felt.positions(means.rate_hz)]
     written = ",".join("[" + ",".join(f"{v:.10g}" for v in each) + "]" for each in list_of)
     turns = ", ".join(f"{turn / DEG:+.1f}" for turn in felt.turns)
     why = (
-        f"its gyros felt turns of {turns} deg about the vertical from rest to rest, and no column "
+        f"its gyros felt turns of {turns} deg about {felt.about} from rest to rest, and no column "
     )
     why += "has them"
-    doubt = f"if a plate turned it so, clockwise from above: log.positions=[{written}]; or "
+    level = felt.axis != DOWN
+    how = "by the right-hand rule" if level else "clockwise from above"
+    key = f"log.plate_axis={AXES[felt.axis]} " if level else ""
+    doubt = f"if a plate turned it so, {how}: {key}log.positions=[{written}]; or "
     doubt += f"log.from_s={list_of[0][0]:g} log.to_s={list_of[0][1]:g} for its first rest alone."
     case.note(Guess("positions", None, why, doubt, sure=False, heading_only=True))
     return False
+
+
+def _angle(values: np.ndarray, guesses: Sequence[Guess]) -> np.ndarray:
+    """A plate's column, (T,), as the description has it, rad."""
+    keys = {guess.key: guess.value for guess in guesses}
+    unit = 1.0 if keys.get("plate_unit") == "rad" else DEG
+    return np.asarray(values * (keys.get("plate_scale") or 1.0) * unit)
 
 
 def _one(case: Case, key: str, guess: Callable[[], Guess]) -> str | None:

@@ -1,8 +1,9 @@
-"""Whether a log was turned about its vertical, from rest to rest; and which column is the plate's
+"""Whether a log was turned about one axis, from rest to rest; and which column is the plate's
 angle, by what the gyros felt of its turns."""
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from lbgc.data.looking.guess import Guess
 from lbgc.data.looking.sensor import Means
 from lbgc.data.looking.stretch import Stretch
 from lbgc.data.readers.axes import matrix_of
+from lbgc.frames import AXES, DOWN, wrap
 from lbgc.units import DEG, rate_factor
 
 _EDGE_S, _SHORTEST_S = 1.0, 5.0
@@ -19,7 +21,7 @@ shortest rest without that."""
 _TURN, _TILT = 10.0 * DEG, 0.1
 """The least turn from one rest to another, rad; and the share of a turn that may be about other
 axes, where it was turned on a plate and not by hand."""
-_LEVEL = 3.0 * DEG
+LEVEL = 3.0 * DEG
 """Angle, rad, up to which a turn about other axes does not matter."""
 _ROUND_DEG, _NEAR, _NEAR_DEG = 15.0, 0.01, 1.0
 """Angles that plates are turned to are multiples of this; and the relative and absolute difference,
@@ -29,6 +31,9 @@ _EVENLY, _RAMP = 0.25, 60.0 * DEG
 and the least such turn, rad."""
 _SAMPLED_HZ = 20.0
 """Rate at which an angle's column is followed over whole turns, Hz."""
+_LEVEL_AXES = (0, 1)
+"""The body's axes that are level where it is."""
+_HEADING = "or is it a heading that an instrument measured (log.heading_column)?"
 _UNITS = {"deg": 1.0, "rad": 1 / DEG}
 _COUNTS = [360 / 2**bits for bits in range(8, 27)] + [10.0**-k for k in range(1, 8)]
 _COUNTS += [360.0 / n for n in (3600, 4000, 5000, 7200, 8000, 10_000, 20_000, 40_000, 100_000)]
@@ -37,12 +42,22 @@ _COUNTS += [360.0 / n for n in (3600, 4000, 5000, 7200, 8000, 10_000, 20_000, 40
 
 @dataclass(frozen=True)
 class Course:
-    """How a log turned about its vertical, as its gyros felt it."""
+    """How a log turned about one axis of its body, as its gyros felt it."""
 
     rests: tuple[tuple[int, int], ...]
     """Where it rests: the first row and the row after the last, of K rests"""
     turns: np.ndarray
-    """(K - 1,), rad, clockwise seen from above, from each rest to the next"""
+    """(K - 1,), rad, by the right-hand rule, so clockwise seen from above about the vertical, from
+    each rest to the next"""
+    axis: int = DOWN
+    """The number of that axis: forward, right or down"""
+    first: float = 0.0
+    """rad, about a level axis the angle from level at the first rest"""
+
+    @property
+    def about(self) -> str:
+        """The axis, in words."""
+        return "the vertical" if self.axis == DOWN else f"its level {AXES[self.axis]} axis"
 
     @property
     def is_turned(self) -> bool:
@@ -50,13 +65,11 @@ class Course:
         return bool(len(self.turns)) and float(np.abs(self.turns).max()) > _TURN
 
     def positions(self, rate_hz: float) -> list[list[float]]:
-        """The rests as `log.positions` has them: from, to, s, and the angle in degrees, from zero
-        at the first one."""
-        angles = [0.0]
-        for turn in self.turns / DEG:
-            near = float(_ROUND_DEG * np.round(turn / _ROUND_DEG))
-            is_near = abs(turn - near) < max(_NEAR_DEG, _NEAR * abs(turn))
-            angles.append(angles[-1] + (near if is_near else float(np.round(turn, 1))))
+        """The rests as `log.positions` has them: from, to, s, and the angle in degrees: from zero
+        at the first one, or about a level axis from where the body is level."""
+        angles = [_rounded(self.first)]
+        for turn in self.turns:
+            angles.append(angles[-1] + _rounded(turn))
         return [
             [float(np.ceil(first / rate_hz * 10) / 10), float(np.floor(last / rate_hz * 10) / 10),
              round(angle, 1)]
@@ -64,14 +77,36 @@ class Course:
         ]  # fmt: skip
 
 
-def course(means: Means, still: Stretch, unit: str, axes: Sequence[str]) -> Course:
-    """How a log turned. unit : of the gyros; axes : forward, right and down, in the file's
-    notation."""
+def _rounded(angle: float) -> float:
+    """An angle, rad, in degrees: the multiple that plates are turned to where it is near one."""
+    found = angle / DEG
+    near = float(_ROUND_DEG * np.round(found / _ROUND_DEG))
+    is_near = abs(found - near) < max(_NEAR_DEG, _NEAR * abs(found))
+    return (near if is_near else float(np.round(found, 1))) + 0.0  # which is no -0
+
+
+def course(
+    means: Means, still: Stretch, unit: str, axes: Sequence[str], accel_axes: Sequence[str]
+) -> Course:
+    """How a log turned: about the vertical, or else about a level axis. unit : of the gyros; axes,
+    accel_axes : forward, right and down, in the file's notation."""
+    every = [_about(axis, means, still, unit, axes) for axis in (DOWN, *_LEVEL_AXES)]
+    found = next((own for own in every if own.is_turned), every[0])
+    if found.axis == DOWN:
+        return found
+    first, last = found.rests[0]
+    force = matrix_of(list(accel_axes)) @ means.accel[first:last].mean(axis=0)
+    side = -force[1] if found.axis == 0 else force[0]
+    return replace(found, first=float(np.arctan2(side, -force[2])))
+
+
+def _about(axis: int, means: Means, still: Stretch, unit: str, axes: Sequence[str]) -> Course:
+    """How a log turned about one axis of its body."""
     edge, shortest = (round(s * means.rate_hz) for s in (_EDGE_S, _SHORTEST_S))
     inner = [(first + edge * (first > 0), last - edge * (last < len(means.gyro)))
              for first, last in still.rests]  # fmt: skip
     inner = [(first, last) for first, last in inner if last - first >= shortest]
-    factor, down = rate_factor(unit, means.rate_hz), matrix_of(list(axes))[2]
+    factor, down = rate_factor(unit, means.rate_hz), matrix_of(list(axes))[axis]
     groups: list[tuple[list[tuple[int, int]], list[float]]] = []
     biases = [means.gyro[first:last].mean(axis=0) for first, last in inner]
     for k, this in enumerate(inner):
@@ -81,15 +116,15 @@ def course(means: Means, still: Stretch, unit: str, axes: Sequence[str]) -> Cour
             turned = (part.sum(axis=0) - len(part) * bias) * factor / means.rate_hz
             along = float(turned @ down)
             across = float(np.linalg.norm(turned - along * down))
-            if across < max(_LEVEL, _TILT * abs(along)):
+            if across < max(LEVEL, _TILT * abs(along)):
                 groups[-1][0].append(this)
                 groups[-1][1].append(along)
                 continue
         groups.append(([this], []))
     if not groups:
-        return Course((), np.zeros(0))
+        return Course((), np.zeros(0), axis)
     rests, turns = max(groups, key=lambda own: sum(last - first for first, last in own[0]))
-    return Course(tuple(rests), np.array(turns))
+    return Course(tuple(rests), np.array(turns), axis)
 
 
 def plate(
@@ -118,13 +153,13 @@ def plate(
         for sign in (1.0, -1.0):
             if _agree(sign * _steps(angle, rests), turns, tolerance):
                 how = "even turn" if tolerance else "turns from rest to rest"
-                why = f"{name} turns as the gyros do about the vertical: {_degrees(turns)} {how}"
-                found = [Guess("plate_column", key, why)]
+                why = f"{name} turns as the gyros do about {felt.about}: {_degrees(turns)} {how}"
+                found = [Guess("plate_column", key, why, _HEADING if _of_heading(name) else "")]
                 if stated is None:
                     found.append(Guess("plate_unit", own, "in it the turns are as large"))
                 if sign < 0:
                     found.append(Guess("plate_scale", -1.0, "it counts counter-clockwise"))
-                return found
+                return found + _of_level(felt)
     steps = _steps(thin, rests)
     if stated is not None or tolerance or not steps.any():
         return None
@@ -132,17 +167,41 @@ def plate(
     near = min(_COUNTS, key=lambda own: abs(np.log(abs(scale) / own)))
     if not _agree(scale * DEG * steps, turns, 0.0):
         return None
-    why = f"{name} turns as the gyros do about the vertical, {_degrees(turns)}, in counts"
+    why = f"{name} turns as the gyros do about {felt.about}, {_degrees(turns)}, in counts"
     column = Guess("plate_column", key, why)
     is_near = abs(abs(scale) / near - 1) < 2 * _NEAR
     value = float(np.copysign(near, scale))
     told = f"{scale:.6g} deg by the gyros"
     if is_near:
-        scaled = Guess("plate_scale", value, f"a count is {told}, as of a usual encoder")
-        return [column, Guess("plate_unit", "deg", "so that the scale is in it"), scaled]
+        why = f"a count is {told}, as of a usual encoder of {360 / near:.7g} a turn"
+        scaled = Guess("plate_scale", value, why, "has its encoder so many?")
+        unit_of = Guess("plate_unit", "deg", "so that the scale is in it")
+        return [column, unit_of, scaled, *_of_level(felt)]
     doubt = "how many degrees are in one of its counts?"
     return [column, Guess("plate_scale", None, f"it is {told}", doubt, sure=False,
                           heading_only=True)]  # fmt: skip
+
+
+def _of_heading(name: str) -> bool:
+    """Whether a column's name is that of a heading as much as of a plate's angle."""
+    return re.search("azimuth|heading|hdg|yaw", name, re.I) is not None
+
+
+def _of_level(felt: Course) -> list[Guess]:
+    """The guess at the axis, where that is level."""
+    if felt.axis == DOWN:
+        return []
+    why = "its gyros felt the turns about it, and gravity turned with them"
+    return [Guess("plate_axis", AXES[felt.axis], why)]
+
+
+def off_level(angle: np.ndarray, felt: Course) -> float:
+    """How far, rad, a column's angle, (T,), rad, is at the first rest from that which gravity has
+    about a level axis; zero about the vertical."""
+    if felt.axis == DOWN:
+        return 0.0
+    first, last = felt.rests[0]
+    return float(np.abs(wrap(float(np.median(angle[first:last])) - felt.first)))
 
 
 def _steps(angle: np.ndarray, rests: Sequence[tuple[int, int]]) -> np.ndarray:

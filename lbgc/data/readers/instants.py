@@ -15,6 +15,8 @@ _NEAR = 0.3
 """The share of a step by which steps of an exact clock may differ from whole multiples of it."""
 _BACK = 2.5
 """Samples by which time must go back before that is taken as more than a late stamp before it."""
+_ENDLESS = 2.0**53
+"""Samples that may be missing, at most."""
 _THIN = 2**16
 """Rows of a block of a long log by which the scatter is told."""
 _VALUES_AT_ONCE = 1_000_000
@@ -136,7 +138,8 @@ def _holes_of_a_rough_clock(stamps: np.ndarray, step: float, period: int) -> tup
         before, one = _level(stamps, step, rows[part] - size + 1, size)
         start = caught_up(np.minimum(rows[part] + 1, len(stamps) - 2))
         after, other = _level(stamps, step, start, size)
-        shift = (after - before) / step
+        with np.errstate(over="ignore"):  # of stamps that no clock has
+            shift = np.clip((after - before) / step, -_ENDLESS, _ENDLESS)
         certain = np.abs(shift) > 0.5 + 0.5 * np.maximum(one, other) / step
         certain &= (shift > 0) | (shift < -_BACK)
         missing = np.where(certain, np.round(shift), 0).astype(int)

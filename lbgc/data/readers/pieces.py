@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -34,11 +35,14 @@ def timed(raw: Raw) -> tuple[Raw, EvenPieces]:
     return raw, clock_of(raw)
 
 
-def pieces_of(raw: Raw, clock: EvenPieces, shift_s: float = 0.0) -> Iterator[Piece]:
+def pieces_of(
+    raw: Raw, clock: EvenPieces, shift_s: float = 0.0, joins: bool = True
+) -> Iterator[Piece]:
     """The pieces of a file that are read. shift_s : the time, s, from the file's first sample to
-    that from which the configuration's times count."""
+    that from which the configuration's times count; joins : whether what is left between times that
+    are left out can be one piece, where the configuration joins gaps."""
     raw = replace(raw, stamps=None)
-    pieces, cut = within(clock, raw.config, raw.name, shift_s)
+    pieces, cut = within(clock, raw.config, raw.name, shift_s, joins)
     for key, values in (("gyro", raw.gyro), ("accel", raw.accel)):
         require_finite(raw.name, values, [f"{key} {axis}" for axis in "xyz"], pieces)
     for key in ("positions", "poses"):
@@ -46,6 +50,8 @@ def pieces_of(raw: Raw, clock: EvenPieces, shift_s: float = 0.0) -> Iterator[Pie
         whole = listed is None or pieces == [slice(0, len(raw.gyro))]
         about = f"is for {raw.name} from its first sample to its last, in one piece"
         require(whole, f"log.{key}", listed, about)
+    if joins and raw.config.gaps == "join" and len(pieces) > 1:
+        raw, pieces = _joined(raw, pieces)
     for number, piece in enumerate(pieces, start=1):
         name = raw.name if len(pieces) == 1 else f"{raw.name} part {number}"
         gyro, accel, rate, notes = sampled(
@@ -62,6 +68,17 @@ def pieces_of(raw: Raw, clock: EvenPieces, shift_s: float = 0.0) -> Iterator[Pie
             temperature=_beside(raw.temperature, piece, samples),
         )
         yield Piece(own, rate, piece, (*raw.notes, *clock.notes, *cut, *notes))
+
+
+def _joined(raw: Raw, pieces: list[slice]) -> tuple[Raw, list[slice]]:
+    """A file with the rows of its pieces alone, one after the other, which are then one piece."""
+    rows = np.concatenate([np.arange(own.start, own.stop) for own in pieces])
+    beside: dict[str, Any] = {
+        key: None if (own := getattr(raw, key)) is None else own[rows]
+        for key in ("plate", "heading", "temperature")
+    }
+    joined = replace(raw, gyro=raw.gyro[rows], accel=raw.accel[rows], **beside)
+    return joined, [slice(0, len(rows))]
 
 
 def _beside(column: np.ndarray | None, piece: slice, samples: int) -> np.ndarray | None:

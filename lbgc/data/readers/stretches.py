@@ -9,13 +9,14 @@ from lbgc.errors import require
 
 
 def within(
-    clock: EvenPieces, config: LogConfig, name: str, shift_s: float = 0.0
+    clock: EvenPieces, config: LogConfig, name: str, shift_s: float = 0.0, joins: bool = True
 ) -> tuple[list[slice], list[str]]:
     """The pieces' rows between the times that the configuration has, and a note of what it leaves
     out in between.
 
     name : the log's, for messages; shift_s : the time, s, from the log's first sample to that from
-    which the times count. Raises InputError where nothing is left, or a time is beyond the end.
+    which the times count; joins : whether pieces can be joined. Raises InputError where nothing is
+    left, or a time is beyond the end.
     """
     rate, end_row = clock.rate_hz, max(piece.stop for piece in clock.pieces)
 
@@ -35,7 +36,7 @@ def within(
     require(bool(kept), f"log.{key}", value, f"leaves nothing of {name}, {end}")
     if not config.leave_out:
         return kept, []
-    return _by_choice(kept, config, name, rate)
+    return _by_choice(kept, config, name, rate, joins)
 
 
 def _without(piece: slice, first: int, last: int) -> list[slice]:
@@ -44,13 +45,16 @@ def _without(piece: slice, first: int, last: int) -> list[slice]:
 
 
 def _by_choice(
-    kept: Sequence[slice], config: LogConfig, name: str, rate_hz: float
+    kept: Sequence[slice], config: LogConfig, name: str, rate_hz: float, joins: bool
 ) -> tuple[list[slice], list[str]]:
     """The pieces between what is left out, as the choice for gaps has them, and a note."""
     longest = max(kept, key=lambda piece: piece.stop - piece.start)
     most = longest.stop - longest.start
     gone = sum(to - since for since, to in config.leave_out)
     said = f"left out: {gone:.4g} s of {name} (log.leave_out)"
+    if config.gaps == "join" and joins:
+        about = f"{said}; the {len(kept)} pieces were joined as if nothing were missing"
+        return list(kept), [f"{about} (log.gaps=join)"]
     if config.gaps != "split":
         about = f"{said}; of the {len(kept)} pieces the longest was read, {most / rate_hz:.6g} s "
         return [longest], [f"{about}(log.gaps=split reads each as a recording)"]
