@@ -143,7 +143,7 @@ keys: $(STAMP)
 bench: $(PEERS)
 	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests:tests/studies $(BIN)/python tests/bench/bench.py
 
-STUDIES := $(filter-out common scoring swaying logs_% transactional_% vehicle_likeness,$(basename $(notdir $(wildcard tests/studies/*.py))))
+STUDIES := $(filter-out common scoring swaying logs_% transactional_% unit_learners_% vehicle_likeness,$(basename $(notdir $(wildcard tests/studies/*.py))))
 
 study: $(addprefix study-,$(STUDIES))
 

@@ -34,6 +34,7 @@ from lbgc.learning.augment import AugmentConfig, check_field
 from lbgc.learning.batches import Drawn, Examples, Prepared, Sensed, Source, Stored
 from lbgc.learning.description import DESCRIPTION, FORMAT
 from lbgc.learning.estimator import SHORTEST_WINDOW_S, WEIGHTS, load_net
+from lbgc.learning.labelled import chosen
 from lbgc.learning.model import ModelConfig, parameter_count
 from lbgc.learning.randomise import RandomiseConfig, Randomised
 from lbgc.learning.stream import Streamed
@@ -56,6 +57,10 @@ class TrainConfig:
 
     data: str | list[str] | None = None
     """The dataset's path, or those of several: of other sensors, latitudes or scenes."""
+    labelled: int | None = None
+    """Number of labelled recordings to learn from, the first of the training split, of one unit:
+    all that its owner has. One in five of them, the last, validates in the validation split's
+    place; of fewer than five none can be spared, and all of them validate as well. null: all."""
     stream: bool = False
     """false: train on the stored recordings, augmented. true: draw new ones at every step, by the
     dataset's own sensor model; stored recordings then serve for validation."""
@@ -105,7 +110,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         require(bool(self.data), "data", self.data, "must be a dataset's path")
         for name in ("mean_s", "steps", "batch", "echo", "learning_rate", "clip", "validate_every",
-                     "checkpoint_every", "tempering", "patience", "threads"):  # fmt: skip
+                     "checkpoint_every", "tempering", "patience", "threads",
+                     "labelled"):  # fmt: skip
             require_positive(name, getattr(self, name))
         many = self.threads is not None and self.threads > _MOST_THREADS
         require(not many, "threads", self.threads, f"must be {_MOST_THREADS} at most")
@@ -113,6 +119,11 @@ class TrainConfig:
         require_not_negative(self, "seed", "warm_up")
         one = len(self.paths) == 1
         require(one or not self.stream, "stream", True, "draws by one dataset's sensor; give one")
+        few = self.labelled is not None
+        about = "has more than a number of labelled recordings tells: give one dataset of one unit"
+        require(one or not few, "data", self.data, about)
+        about = "draws by what the dataset knows of its unit, and so more than labelled recordings "
+        require(not (few and self.stream), "stream", True, about + "tell; use stream=false")
         still = not (self.model.sways and (self.stream or self.randomise.is_on))
         about = "takes what is stored: no stream, no randomise; give several datasets"
         require(still, "model", self.model.name, about)
@@ -139,6 +150,8 @@ class TrainConfig:
         content = asdict(self)
         del content["checkpoint_every"], content["tensorboard"], content["threads"]
         del content["calibration"]  # what it says counts, and not where it lies
+        if self.labelled is None:  # as the content was before there was a choice
+            del content["labelled"]
         return content
 
     def plan(self, longest_s: float, reference_error_deg: float) -> TrainingPlan:
@@ -220,7 +233,7 @@ def trainer_of(
     if config.model.sways:
         source = Prepared.of(sensed, train, plan.windows_steps.values())
     else:
-        units = _units(datasets)
+        units = _units(datasets, config.labelled)
         if not config.stream:
             check_field(config.augment, imu)
         windows: Source = Stored(train, units, config.augment, imu.gyro)
@@ -282,7 +295,7 @@ def _load(
     samples, with the means of what is known of the unit taken off."""
     parts: list[Labelled] = []
     for path, dataset in zip(config.paths, datasets, strict=True):
-        indices = dataset.in_split(split)
+        indices = chosen(dataset, split, config.labelled)
         require(len(indices) > 0, "data", path, f"has no recordings in its {split} split")
         read = dataset.records(indices)
         if unit is not None:
@@ -306,12 +319,12 @@ def _load(
     return recordings
 
 
-def _units(datasets: Sequence[Dataset]) -> np.ndarray:
+def _units(datasets: Sequence[Dataset], labelled: int | None) -> np.ndarray:
     """The number of each training recording's unit, counted through all datasets."""
     units: list[np.ndarray] = []
     for dataset in datasets:
         before = 1 + max((int(part.max()) for part in units), default=-1)
-        units.append(before + dataset.label("unit")[dataset.in_split("train")])
+        units.append(before + dataset.label("unit")[chosen(dataset, "train", labelled)])
     return np.concatenate(units)
 
 

@@ -12,12 +12,15 @@ SMALL = yaml.safe_load((STUDIES / "small.yaml").read_text())
 _HELPERS = {
     *("common", "scoring", "swaying", "vehicle_likeness"),
     *("transactional_harm", "transactional_stores", "logs_day", "logs_formats"),
+    *("unit_learners_own", "unit_learners_picture"),
 }
 _NAMES = {path.stem for path in STUDIES.glob("*.py")} - _HELPERS
 if find_spec("distributed") is None:  # an extra
     _NAMES.discard("million")
 TRAINING = ["baseline", "faults", "hyperparameters", "learning", "paper"]
-OTHERS = sorted(_NAMES - set(TRAINING))
+OF_ONE_UNIT = ["unit_learners", "unit"]
+"""The second reads what the first left."""
+OTHERS = sorted(_NAMES - {*TRAINING, *OF_ONE_UNIT})
 
 
 def check(name: str, where: Path) -> None:

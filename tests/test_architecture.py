@@ -107,7 +107,7 @@ ROOMS = {
               "lbgc/learning/estimator.py", "lbgc/learning/demand.py",
               "lbgc/learning/trainer.py", "lbgc/learning/ahead.py", "lbgc/learning/checkpoint.py",
               "lbgc/learning/onnx.py", "lbgc/learning/board.py", "lbgc/learning/threads.py",
-              "lbgc/learning/tensors.py"},
+              "lbgc/learning/tensors.py", "lbgc/learning/in_context.py"},
 }  # fmt: skip
 VERSIONS_ONLY = {("sim/generate.py", "zarr")}
 FILM_MAKING = {("sim/render.py", "matplotlib")}

@@ -21,6 +21,7 @@ from lbgc.learning.augment import AugmentConfig, augment, earth_in_body
 from lbgc.learning.batches import Stored
 from lbgc.learning.description import FORMAT, Description
 from lbgc.learning.estimator import Learned, load_net
+from lbgc.learning.labelled import chosen
 from lbgc.learning.loss import cyclic_error_deg, cyclic_mse, vector_mse
 from lbgc.learning.model import ModelConfig, features, make, parameter_count
 from lbgc.metrics import heading_errors
@@ -373,6 +374,7 @@ def test_one_seed_one_set_of_weights(tmp_path, monkeypatch, unit_bias_run):
         "learning_rate": "learning_rate=0.002",
         "clip": "clip=0.01",
         "validate_every": "validate_every=1",
+        "labelled": "labelled=3",
         "stream": "stream=true",
         "calibration": None,  # one unit's: tests/test_my_unit.py
         "schedule": "schedule=cosine",
@@ -438,6 +440,9 @@ def test_features_are_normalised_by_physics():
         (("data=x", "model.output=radians"), "choose from sincos, degrees, vonmises"),
         (("data=x", "model.channels=[magnetometer]"), "choose from gyro, accel, plate"),
         (("data=x", "augment.form=wrong"), "choose from earth, literal"),
+        (("data=x", "labelled=0"), "labelled = 0: must be greater than zero"),
+        (("data=x", "labelled=3", "stream=true"), "by what the dataset knows of its unit"),
+        (("data=[x,y]", "labelled=3"), "give one dataset of one unit"),
         (("data=x", "learning_rate=nan"), "learning_rate = nan: must be a finite number"),
     ],
 )
@@ -470,3 +475,44 @@ def test_unsuitable_datasets_are_refused(cli, tmp_path):
     generate(tmp_path / "short.zarr", **(size | {"mean_s": 5.0}))
     done = cli("lbgc.train", "data=short.zarr", "windows_s=[60]")
     assert "none fits recordings of 20 s" in done.err
+
+
+@pytest.mark.parametrize(
+    ("labelled", "training", "validating"),
+    [(1, [0], [0]), (4, [0, 1, 2, 3], [0, 1, 2, 3]), (5, [0, 1, 2, 3], [4]), (12, range(10), 0)],
+)
+def test_labelled_recordings_are_all_that_is_read(tmp_path, labelled, training, validating):
+    """Neither further recordings of the training split nor the validation split: with all others
+    spoiled, training is the same."""
+    data = generate(tmp_path / "d.zarr", recordings=20, output="means", split=[70, 20, 10])
+    every = data.in_split("train")
+    own, held = (chosen(data, split, labelled) for split in ("train", "validation"))
+    expected = [10, 11] if validating == 0 else validating
+    assert own.tolist() == every[list(training)].tolist()
+    assert held.tolist() == every[list(expected)].tolist()
+    config = composed(TrainConfig, "train", f"data={data.path}", f"labelled={labelled}", "steps=1")
+    trainer = lbgc.train.trainer_of(config, [data])
+    assert len(trainer.source.source.recordings) == len(own)
+    windows = trainer.validation[-1][1]
+    assert len(windows) == len(held), "one window of 240 s each"
+
+
+def test_labelled_recordings_are_of_one_unit_and_there(cli, tmp_path):
+    generate(tmp_path / "d.zarr", recordings=20, output="means", split=[50, 30, 20])
+    done = cli("lbgc.train", "data=d.zarr", "labelled=11")
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert "labelled = 11: is more than the 10 recordings in the training split" in done.err
+    generate(tmp_path / "two.zarr", recordings=20, output="means", units=2)
+    done = cli("lbgc.train", "data=two.zarr", "labelled=2")
+    assert done.code == 2
+    assert "labelled = 2: recordings would be of the 2 units" in done.err
+    assert "generate units=1" in done.err
+
+
+def test_a_run_says_from_how_many_it_learned(cli, tmp_path):
+    generate(tmp_path / "d.zarr", recordings=20, output="means", split=[50, 30, 20])
+    done = cli("lbgc.train", "data=d.zarr", "labelled=6", "steps=2", "validate_every=1")
+    assert done.code == 0, done.err
+    said = tmp_path / "outputs/train/latest/model.json"
+    assert json.loads(said.read_text())["training"]["labelled"] == 6

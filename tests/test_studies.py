@@ -1,11 +1,11 @@
 """Every study from end to end: the code that `make study-NAME` runs, at a size for the tests."""
 
 import pytest
-from studies_small import OTHERS, SMALL, TRAINING, check
+from studies_small import OF_ONE_UNIT, OTHERS, SMALL, TRAINING, check
 
 
 def test_every_study_has_a_size_for_the_tests():
-    assert {*OTHERS, *TRAINING} <= set(SMALL)
+    assert {*OTHERS, *TRAINING, *OF_ONE_UNIT} <= set(SMALL)
 
 
 @pytest.mark.parametrize("name", OTHERS)

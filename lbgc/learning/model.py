@@ -3,6 +3,8 @@ for corrections to a classical estimate."""
 
 import math
 import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -274,9 +276,17 @@ def von_mises_sigma(log_kappa: Tensor) -> Tensor:
 
 def make(config: ModelConfig, seed: int) -> HeadingNet:
     """A freshly initialised network; the global random state is left as it was."""
+    with first_weights(seed):
+        return HeadingNet(config)
+
+
+@contextmanager
+def first_weights(seed: int) -> Iterator[None]:
+    """Let networks that are made inside the `with` block have the first weights of a seed, and the
+    global random state be as it was afterwards."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return HeadingNet(config)
+        yield
 
 
 def parameter_count(net: nn.Module) -> int:

@@ -1,6 +1,8 @@
 """Tensors as files: safetensors, whose header is bounded before anything is read by it."""
 
-from safetensors.torch import load
+from collections.abc import Mapping
+
+from safetensors.torch import load, save
 from torch import Tensor
 
 MOST_HEADER = 2**20
@@ -21,3 +23,8 @@ def parse(content: bytes, most: int = MOST_HEADER) -> dict[str, Tensor]:
     where it is damaged."""
     header(content, most)
     return load(content)
+
+
+def composed(tensors: Mapping[str, Tensor]) -> bytes:
+    """The content of a file of these tensors."""
+    return save({name: value.detach().cpu().contiguous() for name, value in tensors.items()})

@@ -9,6 +9,9 @@
 2. The same where nobody knows how the bias splits: splits are drawn from their prior, the file's
    posterior is over them, and floor(k) is the mixture over them.
 3. The published means of one SDC500 unit: the verdict, and headings with a constant and without.
+
+What networks learn from k is trained by make study-unit-learners, for hours; its points are put on
+the curve as it left them, with their date.
 """
 
 import tempfile
@@ -23,6 +26,7 @@ from matplotlib.figure import Figure
 from scoring import Scores
 from tqdm import tqdm
 from unit_floor import UnitFloor, estimate, simplex
+from unit_learners_picture import shown
 
 import sim.generate
 from lbgc import calibrate
@@ -194,6 +198,12 @@ def curves(study: Report, home: Path) -> None:
         "nees_k_max": max(row["nse"] for row in sharp),
     }
     write_atomically(study.directory / "error_by_labelled.png", png(drawn(rows)))
+    lines = {
+        share: [(int(row["labelled"]), float(row["floor_deg"])) for row in rows
+                if (row["protocol"], row["share"]) == ("static", share)]
+        for share in CASES["shares"]
+    }  # fmt: skip
+    shown(study, lines)
 
 
 def drawn(rows: Sequence[dict]) -> Figure:
