@@ -8,6 +8,7 @@ of their own.
 """
 
 import atexit
+import gc
 import json
 import os
 import runpy
@@ -48,6 +49,7 @@ class Server:
 def serve() -> dict[str, Any]:
     """In the server: fork for each request. In the forked process: return the request."""
     requests, replies = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w")
+    gc.freeze()  # else each process, when it ends, goes through all that was imported: a second
     for line in requests:
         process = os.fork()
         if process == 0:
@@ -110,7 +112,9 @@ def _become(cwd: str, argv: list[str], environment: dict[str, str], out: str, er
 
 if __name__ == "__main__":
     import conftest  # noqa: F401 - all of the project's programs
+    from helpers import default_config
 
+    default_config()  # what Hydra makes once, its plugins and its grammar, is made here
     wanted = serve()
     _become(**wanted)
     runpy.run_path(wanted["argv"][0], run_name="__main__")
