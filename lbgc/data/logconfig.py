@@ -218,9 +218,7 @@ class LogConfig:
             require(good, "to_s", self.to_s, f"must be above from_s = {self.from_s:g}, and finite")
         require_spans("leave_out", self.leave_out, "[from_s, to_s]")
         require_rows(self.rows)
-        if self.rate_hz is not None:
-            good = 0 < self.rate_hz < np.inf
-            require(good, "rate_hz", self.rate_hz, "must be greater than zero, and finite")
+        require_positive("rate_hz", self.rate_hz)
         if self.heading_deg is not None:
             good = abs(self.heading_deg) <= 360
             require(good, "heading_deg", self.heading_deg, "must be from -360 to 360")
@@ -271,10 +269,8 @@ class LogConfig:
         whose = self.accel_rows is None or not both or own_table or self.gyro_rows is not None
         require(whose, "accel_rows", self.accel_rows, about)
         if not self.accel_is_apart:
+            about = "is for accelerometers of another file, table or row: accel_path, accel_table"
             for name in ("accel_time_column", "accel_late_s"):
-                about = (
-                    "is for accelerometers of another file, table or row: accel_path, accel_table"
-                )
                 require(not getattr(self, name), name, getattr(self, name), about)
             return
         keys = ("accel_path", "accel_table", "accel_rows")
