@@ -3,9 +3,10 @@ windows of records whose headings are known."""
 
 import os
 import subprocess
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -60,6 +61,11 @@ def figures(triad: Triad, kind: type, name: str) -> tuple[float, ...]:
 def with_noise(triad: Triad, *terms: GaussianTerm) -> Triad:
     """A triad with these terms on each axis, and no tone or ramp."""
     return replace(triad, terms=(terms,) * 3, started=((), (), ()))
+
+
+def fields_of(config: Any) -> dict[str, Any]:
+    """What a configuration was made with, by name."""
+    return {own.name: getattr(config, own.name) for own in fields(config)}
 
 
 def generate(path: Path, **changes: object) -> Dataset:

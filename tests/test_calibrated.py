@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import default_config, generate
+from helpers import default_config, fields_of, generate
 
 from lbgc.data.compensated import calibrated, drawn_errors
 
@@ -35,7 +35,7 @@ def both(tmp_path_factory):
     home = tmp_path_factory.mktemp("calibrated")
     made = []
     for name, options in (("perfect", LOUD), ("loud", LOUD + ERRORS)):
-        config = vars(default_config(*options))
+        config = fields_of(default_config(*options))
         made.append(
             generate(home / f"{name}.zarr", **{k: v for k, v in config.items() if k != "out"})
         )

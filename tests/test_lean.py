@@ -6,7 +6,7 @@ from dataclasses import replace
 import floor_cases
 import numpy as np
 import pytest
-from helpers import composed, default_config, generate, labelled
+from helpers import composed, default_config, fields_of, generate, labelled
 
 from lbgc.bound import BoundConfig, bounds
 from lbgc.data.windows import Labelled, Windows, at_rate
@@ -131,7 +131,7 @@ def test_a_perfect_sensor_finds_north(protocol, lean_deg, tmp_path):
     options = [f"protocol={protocol}", "imu=ideal", f"scene.base_pitch_deg={lean_deg}",
                "recordings=2", "rate_hz=20", "mean_s=1", "duration_s=240"]  # fmt: skip
     config = default_config(*options)
-    changes = {name: value for name, value in vars(config).items() if name != "out"}
+    changes = {name: value for name, value in fields_of(config).items() if name != "out"}
     data = generate(tmp_path / "d.zarr", **changes)
     made = Labelled.joined([labelled(record, 240.0) for record in data.records(np.arange(2))])
     imu = config.imu.model(config.rate_hz)

@@ -32,7 +32,7 @@ def typed(target: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize(
-    ("target", "programs"), [("demo", 4), ("picture", 2), ("pretrained-sdc500-two_position", 2)]
+    ("target", "programs"), [("demo", 4), ("picture", 3), ("pretrained-sdc500-two_position", 2)]
 )
 def test_the_target_runs(target, programs, tmp_path):
     commands = typed(target)
