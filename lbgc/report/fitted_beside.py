@@ -92,7 +92,7 @@ def whole(values: Sequence[Own], fits: Sequence[Fit]) -> list[Own]:
     """One value for each of three axes, by the axes that were measured: the noisier one's for the
     others. fits : of the axes that were measured."""
     more = len(AXES) - len(values)
-    return [*values, *[values[_noisier(fits)]] * more]
+    return [*values, *[values[_noisier(fits)]] * more] if more else list(values)
 
 
 def _noisier(fits: Sequence[Fit]) -> int:
